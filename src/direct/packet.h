@@ -1,0 +1,60 @@
+// What leaves the direct module: the pose of every frame, and a packet for every keyframe that has left its window.
+// Frame "direct" is the odometry's own world: metric up to one unknown, slowly drifting scale.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "base/time.h"
+#include "geometry/pinhole.h"
+#include "geometry/se3.h"
+
+namespace cairn::direct {
+
+// One undistorted image, as both modules see it.
+struct Frame {
+  std::int64_t index = 0;  // position in the sequence
+  TimeNs time_ns = 0;
+  cv::Mat image;           // CV_8UC1, undistorted, photometrically uncorrected, full resolution
+  cv::Mat irradiance;      // CV_32FC1, same size, photometrically corrected to the range [0, 255]; empty: use `image`
+  double exposure_s = 0.0; // 0: unknown
+};
+
+// A point of the direct map as seen in the packet's keyframe.
+struct PacketPoint {
+  float x_px = 0.0f;  // full-resolution pixels
+  float y_px = 0.0f;
+  float inverse_depth = 0.0f;  // 1 / z in the keyframe, in units of the direct world
+  float variance = 0.0f;       // of inverse_depth
+};
+
+// A keyframe whose pose the direct module no longer changes (or, if `still_active`, its best estimate so far).
+struct KeyframePacket {
+  std::int64_t keyframe = 0;     // counts the direct keyframes from 0, in temporal order
+  std::int64_t segment = 0;      // counts the starts of the odometry; poses of two segments share no frame
+  Frame frame;
+  SE3 direct_from_camera;
+  std::vector<PacketPoint> points;  // active and marginalized points inside the image
+  double keyframe_rate_hz = 0.0;    // how often keyframes were made lately
+  bool still_active = false;
+};
+
+enum class TrackingState { kInitializing, kGood, kPoor, kLost };
+
+// The answer to one frame. The pose is relative to a keyframe so that it follows every later correction of it.
+struct FrameResult {
+  std::int64_t index = 0;
+  TimeNs time_ns = 0;
+  TrackingState state = TrackingState::kInitializing;
+  std::int64_t keyframe = -1;     // the reference keyframe; -1 while there is none
+  SE3 keyframe_from_camera;
+  SE3 direct_from_camera;         // the live estimate
+  double quality = 0.0;           // 0 (lost) to 1: share of the reference's points that match well
+  std::string message;            // while not tracking: what it waits for
+};
+
+}  // namespace cairn::direct
