@@ -1,0 +1,98 @@
+// Photometric odometry with a sliding window of keyframes: a clean-room build of Engel, Koltun and Cremers, "Direct Sparse
+// Odometry" (PAMI 2018), started by two-view geometry and a small bundle adjustment of corners instead of its photometric
+// initializer. It gives the pose of every frame and a packet for every keyframe that leaves its window (Lee and Civera,
+// "Loosely-Coupled Semi-Direct Monocular SLAM", RA-L 2019, Sec. III).
+//
+// Poses are in frame "direct": the first keyframe of a segment is its origin, the median depth there is 1.
+//
+// One thread: Process() for each frame. Two threads: Track() on one, MapNext() on the other; the two calls may run at the
+// same time, everything else is safe between calls of either. Same input through Process(): same output, to the bit.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "base/time.h"
+#include "direct/odometry_options.h"
+#include "direct/packet.h"
+#include "geometry/pinhole.h"
+#include "geometry/se3.h"
+
+namespace cairn::direct {
+
+// Where the time went, in milliseconds over all calls, and how often.
+struct StageTime {
+  std::int64_t calls = 0;
+  double total_ms = 0.0;
+  double max_ms = 0.0;
+  std::vector<float> samples_ms;  // one per call, for percentiles
+};
+
+struct OdometryStatistics {
+  StageTime pyramid;      // per frame
+  StageTime track;        // per frame, pyramid included
+  StageTime trace;        // per mapped frame
+  StageTime activate;     // per keyframe
+  StageTime optimize;     // per keyframe
+  StageTime marginalize;  // per keyframe
+  StageTime start;        // per frame while initializing
+  std::int64_t frames = 0;
+  std::int64_t frames_tracked = 0;  // with a pose, counting those tracked after the start
+  std::int64_t keyframes = 0;
+  std::int64_t segments = 0;        // starts that succeeded
+};
+
+// A keyframe's best pose so far; final once it has left the window.
+struct KeyframePose {
+  std::int64_t keyframe = 0;
+  std::int64_t segment = 0;
+  std::int64_t frame_index = 0;
+  TimeNs time_ns = 0;
+  SE3 direct_from_camera;
+  bool still_active = false;
+};
+
+class Odometry {
+ public:
+  // `camera` is that of Frame::image (full resolution, undistorted). InvalidArgument for bad options or a camera without
+  // focal length or smaller than 64 x 48 px.
+  static absl::StatusOr<std::unique_ptr<Odometry>> Create(const OdometryOptions& options, const Pinhole& camera);
+  ~Odometry();
+  Odometry(const Odometry&) = delete;
+  Odometry& operator=(const Odometry&) = delete;
+
+  // Track() and then all the mapping it asks for. The result is the best known of this frame after mapping.
+  // InvalidArgument (and nothing changes) for an image that is empty or not of the camera's size and type, or a frame whose
+  // index is not larger than the last one's.
+  absl::StatusOr<FrameResult> Process(const Frame& frame);
+
+  // The live pose of one frame, and its hand-over to MapNext(). While the odometry starts, or starts anew, the state is
+  // kInitializing and `message` says what it waits for; such frames get their poses once the start succeeds.
+  absl::StatusOr<FrameResult> Track(const Frame& frame);
+  // Maps the oldest frame handed over (traces points, or makes it a keyframe); false if there was none.
+  bool MapNext();
+  int PendingFrames() const;
+
+  // Packets of the keyframes that left the window since the last call, in the order of leaving.
+  std::vector<KeyframePacket> TakePackets();
+  // The packet of a keyframe that is still in the window; NotFound otherwise.
+  absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
+  // Ends the run: the keyframes still in the window become packets (with still_active false). Only reading calls after it.
+  void Finish();
+
+  // One per accepted frame, in temporal order, with direct_from_camera recomputed from the keyframe's newest pose.
+  // keyframe is -1 and the state kInitializing or kLost for the frames without a pose.
+  std::vector<FrameResult> FrameResults() const;
+  // All keyframes ever made, in temporal order.
+  std::vector<KeyframePose> KeyframeTrajectory() const;
+  OdometryStatistics Statistics() const;
+
+ private:
+  class Impl;
+  explicit Odometry(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace cairn::direct
