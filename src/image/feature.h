@@ -2,10 +2,11 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
+
+#include "base/status.h"
 
 namespace cairn::image {
 
@@ -19,11 +20,23 @@ struct Keypoint {
   bool operator==(const Keypoint&) const = default;
 };
 
+// Byte i of ORB's 32 bytes is byte i % 8 (counted from the least significant) of word i / 8.
 using Descriptor = std::array<std::uint64_t, 4>;
 
+// Number of differing bits, 0 to 256. Baseline x86-64 has no population count instruction, so bits are counted in
+// parallel within each word (Warren, Hacker's Delight, ch. 5) and the bytes of all four words summed at once. Loops
+// over many descriptors are faster with HammingDistances() in image/hamming.h.
 inline int HammingDistance(const Descriptor& a, const Descriptor& b) {
-  return std::popcount(a[0] ^ b[0]) + std::popcount(a[1] ^ b[1]) + std::popcount(a[2] ^ b[2]) +
-         std::popcount(a[3] ^ b[3]);
+  std::uint64_t byte_counts = 0;
+  for (std::size_t i = 0; i < 4; ++i) {
+    std::uint64_t x = a[i] ^ b[i];
+    x -= (x >> 1) & 0x5555555555555555ull;
+    x = (x & 0x3333333333333333ull) + ((x >> 2) & 0x3333333333333333ull);
+    byte_counts += (x + (x >> 4)) & 0x0F0F0F0F0F0F0F0Full;
+  }
+  // At most 32 per byte; pairs of bytes first, as 256 does not fit in one.
+  byte_counts = (byte_counts & 0x00FF00FF00FF00FFull) + ((byte_counts >> 8) & 0x00FF00FF00FF00FFull);
+  return static_cast<int>((byte_counts * 0x0001000100010001ull) >> 48);
 }
 
 // The features of one image; the two vectors have the same length.
@@ -40,10 +53,13 @@ struct OrbParameters {
   int num_features = 2000;
   int num_levels = 8;
   double scale_factor = 1.2;
-  int fast_threshold = 20;      // first try in a cell
-  int min_fast_threshold = 7;   // second try, where the first finds nothing
+  int fast_threshold = 20;     // first try in a cell
+  int min_fast_threshold = 7;  // second try, where the first finds nothing
 
   bool operator==(const OrbParameters&) const = default;
+
+  // InvalidArgument naming the first parameter that makes no sense.
+  absl::Status Validate() const;
 
   // Scale of an octave against full resolution.
   double Scale(int octave) const {

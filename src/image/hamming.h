@@ -1,0 +1,24 @@
+// Hamming distances of one descriptor to many: the inner loop of matching and of the vocabulary.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "image/feature.h"
+
+namespace cairn::image {
+
+// distances[i] = HammingDistance(query, descriptors[i]) for i < count. Uses the population count instruction where the
+// processor has it; the results are the same everywhere.
+void HammingDistances(const Descriptor& query, const Descriptor* descriptors, std::size_t count,
+                      std::uint16_t* distances);
+
+namespace internal {
+// The same on plain words (four per descriptor), without and with the instruction.
+void HammingDistancesPortable(const std::uint64_t* query, const std::uint64_t* descriptors, std::size_t count,
+                              std::uint16_t* distances);
+void HammingDistancesAvx2(const std::uint64_t* query, const std::uint64_t* descriptors, std::size_t count,
+                          std::uint16_t* distances);
+}  // namespace internal
+
+}  // namespace cairn::image
