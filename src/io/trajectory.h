@@ -1,0 +1,55 @@
+// Files of camera poses. A pose is world_from_camera: the camera's position and orientation in the world.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/status.h"
+#include "base/time.h"
+#include "geometry/se3.h"
+#include "io/time_text.h"
+
+namespace cairn::io {
+
+struct StampedPose {
+  TimeNs time_ns = 0;
+  SE3 world_from_camera;
+};
+
+// What a file holds: poses in the order of the file, which need not be that of time. Rows that hold NaN (no ground
+// truth at that time) carry no pose but are counted, because protocols split files by row.
+struct Trajectory {
+  std::vector<StampedPose> poses;
+  std::vector<std::int64_t> rows;  // of each pose: its place among all data rows, from 0
+  std::int64_t num_rows = 0;       // with and without a pose
+
+  std::int64_t num_nan_rows() const { return num_rows - static_cast<std::int64_t>(poses.size()); }
+};
+
+// TUM format `t tx ty tz qx qy qz qw` in seconds and metres; further columns are ignored, `#` starts a comment line,
+// columns are separated by blanks or commas. Errors name file and line.
+absl::StatusOr<Trajectory> ReadTumTrajectory(const std::string& path);
+
+// EuRoC ground truth `ns, x, y, z, qw, qx, qy, qz, ...`. The pose is that of the body, not of a camera.
+absl::StatusOr<Trajectory> ReadEurocTrajectory(const std::string& path);
+
+// KITTI poses, 12 numbers a line: the upper three rows of world_from_camera; times from `times_path`, one a line.
+absl::StatusOr<Trajectory> ReadKittiTrajectory(const std::string& path, const std::string& times_path);
+
+// Any of these: `.csv` or nanosecond times with commas are EuRoC; 12 columns are KITTI, with times.txt beside the file.
+absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path);
+
+struct TrajectoryWriteOptions {
+  bool overwrite = false;  // AlreadyExists otherwise
+  std::string comment;     // a first line, written behind "# "; empty: none
+};
+
+// TUM format, nine decimals. Written beside and renamed: readers never see half a file.
+absl::Status WriteTumTrajectory(const std::string& path, const std::vector<StampedPose>& poses,
+                                const TrajectoryWriteOptions& options = {});
+
+// The same text, without a file.
+std::string FormatTumTrajectory(const std::vector<StampedPose>& poses, const std::string& comment = "");
+
+}  // namespace cairn::io
