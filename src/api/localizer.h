@@ -1,0 +1,69 @@
+// "Where is this camera?", asked the same way of a map file in this process or of a daemon. A miss says why.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "base/ids.h"
+#include "base/status.h"
+#include "base/time.h"
+#include "geometry/camera.h"
+#include "geometry/se3.h"
+
+namespace cairn::api {
+
+struct LocalizeQuery {
+  cv::Mat image;   // CV_8UC1, raw as the camera gives it
+  Camera camera;   // of that image
+  TimeNs time_ns = 0;
+};
+
+// The stages of a relocalization, in order; a miss names the one that failed.
+enum class LocalizeStage { kFeatures, kCandidates, kMatches, kPnp, kRefinement, kDone };
+const char* LocalizeStageName(LocalizeStage stage);
+
+// What each stage had to work with, of the candidate that got furthest.
+struct LocalizeCounts {
+  int features = 0;
+  int candidates = 0;     // keyframes that share enough words
+  int word_matches = 0;
+  int pnp_inliers = 0;
+  int guided_matches = 0;
+  int inliers = 0;        // after refinement
+};
+
+struct LocalizeAnswer {
+  bool localized = false;
+  LocalizeStage stage = LocalizeStage::kFeatures;  // reached; kDone if localized
+  std::string reason;                              // of a miss, for people
+  LocalizeCounts counts;
+
+  SE3 map_from_camera;
+  // The pose in the world frame; the same as map_from_camera while the map is not aligned.
+  SE3 world_from_camera;
+  bool world_is_metric = false;                    // the map has been aligned
+  // Of (translation, rotation) as a left increment of map_from_camera, in map units and radians, from the refinement.
+  Matrix6d covariance = Matrix6d::Zero();
+
+  std::string map_id;
+  Revision revision = 0;
+  KeyframeId reference_keyframe;                   // the one that shares most points
+  double extract_ms = 0.0;
+  double locate_ms = 0.0;
+};
+
+// One interface, two implementations: a map file in this process, and a daemon.
+class Localizer {
+ public:
+  virtual ~Localizer() = default;
+
+  // A miss is an answer, not an error. Errors: InvalidArgument (bad image or camera), Unavailable (no server), DataLoss.
+  virtual absl::StatusOr<LocalizeAnswer> Localize(const LocalizeQuery& query) = 0;
+};
+
+}  // namespace cairn::api

@@ -1,0 +1,354 @@
+#include "map/edit.h"
+
+#include <algorithm>
+#include <map>
+#include <utility>
+
+namespace cairn::map {
+namespace {
+
+// The observation whose descriptor has the least median distance to the others. Beyond kMost observations an even sample
+// stands for all: the choice is quadratic.
+std::size_t MostTypical(const std::vector<image::Descriptor>& descriptors) {
+  constexpr std::size_t kMost = 24;
+  const std::size_t step = (descriptors.size() + kMost - 1) / kMost;
+  std::size_t best = 0;
+  int best_median = 257;
+  std::vector<int> distances;
+  for (std::size_t i = 0; i < descriptors.size(); i += step) {
+    distances.clear();
+    for (std::size_t j = 0; j < descriptors.size(); j += step) {
+      if (j != i) distances.push_back(image::HammingDistance(descriptors[i], descriptors[j]));
+    }
+    if (distances.empty()) return i;
+    std::nth_element(distances.begin(), distances.begin() + distances.size() / 2, distances.end());
+    const int median = distances[distances.size() / 2];
+    if (median < best_median) {
+      best_median = median;
+      best = i;
+    }
+  }
+  return best;
+}
+
+void InsertSorted(std::vector<KeyframeId>& ids, KeyframeId id) {
+  const auto at = std::lower_bound(ids.begin(), ids.end(), id);
+  if (at == ids.end() || *at != id) ids.insert(at, id);
+}
+
+void EraseSorted(std::vector<KeyframeId>& ids, KeyframeId id) {
+  const auto at = std::lower_bound(ids.begin(), ids.end(), id);
+  if (at != ids.end() && *at == id) ids.erase(at);
+}
+
+// The changed or added entities in order of id, and the ids of erased ones that the base knows.
+template <class Id, class T, class Known>
+void Collect(const std::unordered_map<Id, std::shared_ptr<T>>& changed, const Known& known,
+             std::vector<std::shared_ptr<const T>>* put, std::vector<Id>* removed) {
+  for (const auto& [id, entity] : changed) {
+    if (entity) {
+      put->push_back(entity);
+    } else if (known.Contains(id)) {
+      removed->push_back(id);
+    }
+  }
+  std::sort(put->begin(), put->end(), [](const auto& a, const auto& b) { return a->id < b->id; });
+  std::sort(removed->begin(), removed->end());
+}
+
+}  // namespace
+
+Edit::Edit(std::shared_ptr<const Snapshot> base)
+    : base_(std::move(base)), next_keyframe_(base_->next_keyframe()), next_point_(base_->next_point()) {}
+
+const Keyframe* Edit::FindKeyframe(KeyframeId id) const {
+  const auto found = keyframes_.find(id);
+  return found != keyframes_.end() ? found->second.get() : base_->keyframes().Find(id);
+}
+
+const MapPoint* Edit::FindPoint(PointId id) const {
+  const auto found = points_.find(id);
+  return found != points_.end() ? found->second.get() : base_->points().Find(id);
+}
+
+const Pinhole& Edit::pinhole(CameraId id) const {
+  for (const MapCamera& camera : cameras_) {
+    if (camera.id == id) return camera.pinhole;
+  }
+  return base_->pinhole(id);
+}
+
+Keyframe& Edit::MutableKeyframe(KeyframeId id) {
+  auto& slot = keyframes_[id];
+  if (!slot) slot = std::make_shared<Keyframe>(*base_->keyframes().Find(id));
+  return *slot;
+}
+
+MapPoint& Edit::MutablePoint(PointId id) {
+  auto& slot = points_[id];
+  if (!slot) slot = std::make_shared<MapPoint>(*base_->points().Find(id));
+  return *slot;
+}
+
+CameraId Edit::AddCamera(MapCamera camera) {
+  camera.id = CameraId(static_cast<CameraId::Value>(base_->cameras().size() + cameras_.size() + 1));
+  cameras_.push_back(std::move(camera));
+  return cameras_.back().id;
+}
+
+SessionId Edit::AddSession(Session session) {
+  session.id = SessionId(static_cast<SessionId::Value>(base_->sessions().size() + sessions_.size() + 1));
+  sessions_.push_back(std::move(session));
+  return sessions_.back().id;
+}
+
+void Edit::PutSession(const Session& session) {
+  for (Session& known : sessions_) {
+    if (known.id == session.id) {
+      known = session;
+      return;
+    }
+  }
+  sessions_.push_back(session);
+}
+
+KeyframeId Edit::AddKeyframe(Keyframe keyframe) {
+  const KeyframeId id = next_keyframe_;
+  next_keyframe_ = KeyframeId(id.value() + 1);
+  keyframe.id = id;
+  keyframe.points.assign(keyframe.features->features.size(), PointId());
+  keyframe.parent = KeyframeId();
+  keyframe.children.clear();
+  keyframe.covisible.clear();
+  keyframes_[id] = std::make_shared<Keyframe>(std::move(keyframe));
+  stale_covisibility_.insert(id);
+  return id;
+}
+
+PointId Edit::AddPoint(const Vector3d& position) {
+  const PointId id = next_point_;
+  next_point_ = PointId(id.value() + 1);
+  auto point = std::make_shared<MapPoint>();
+  point->id = id;
+  point->position = position;
+  points_[id] = std::move(point);
+  stale_points_.insert(id);
+  return id;
+}
+
+bool Edit::AddObservation(PointId point_id, KeyframeId keyframe_id, std::uint32_t feature) {
+  const Keyframe& seen_by = keyframe(keyframe_id);
+  if (feature >= seen_by.points.size() || seen_by.points[feature]) return false;
+  const auto& known = point(point_id).observations;
+  const auto at = std::lower_bound(known.begin(), known.end(), Observation{keyframe_id, 0});
+  if (at != known.end() && at->keyframe == keyframe_id) return false;
+
+  auto& observations = MutablePoint(point_id).observations;
+  observations.insert(std::lower_bound(observations.begin(), observations.end(), Observation{keyframe_id, 0}),
+                      Observation{keyframe_id, feature});
+  MutableKeyframe(keyframe_id).points[feature] = point_id;
+  stale_covisibility_.insert(keyframe_id);
+  stale_points_.insert(point_id);
+  return true;
+}
+
+void Edit::RemoveObservation(PointId point_id, KeyframeId keyframe_id, int min_observations) {
+  const auto& known = point(point_id).observations;
+  const auto at = std::lower_bound(known.begin(), known.end(), Observation{keyframe_id, 0});
+  if (at == known.end() || at->keyframe != keyframe_id) return;
+  if (static_cast<int>(known.size()) - 1 < min_observations) {
+    ErasePoint(point_id);
+    return;
+  }
+  const Observation observation = *at;
+  auto& observations = MutablePoint(point_id).observations;
+  observations.erase(std::lower_bound(observations.begin(), observations.end(), observation));
+  MutableKeyframe(keyframe_id).points[observation.feature] = PointId();
+  stale_covisibility_.insert(keyframe_id);
+  stale_points_.insert(point_id);
+}
+
+void Edit::ErasePoint(PointId id) {
+  for (const Observation& observation : point(id).observations) {
+    MutableKeyframe(observation.keyframe).points[observation.feature] = PointId();
+    stale_covisibility_.insert(observation.keyframe);
+  }
+  points_[id] = nullptr;
+  stale_points_.erase(id);
+}
+
+bool Edit::EraseKeyframe(KeyframeId id, int min_observations) {
+  if (!keyframe(id).parent) return false;
+  const Keyframe erased = keyframe(id);
+  for (const PointId point_id : erased.points) {
+    if (point_id) RemoveObservation(point_id, id, min_observations);
+  }
+  AdoptChildren(erased);
+  EraseSorted(MutableKeyframe(erased.parent).children, id);
+  UpdateCovisibility(id);  // it shares nothing any more: this removes its edges on the other side
+  stale_covisibility_.erase(id);
+  keyframes_[id] = nullptr;
+  return true;
+}
+
+void Edit::FusePoints(PointId from, PointId into) {
+  if (from == into) return;
+  const std::vector<Observation> moved = point(from).observations;
+  const int visible = point(from).times_visible, found = point(from).times_found;
+  ErasePoint(from);
+  for (const Observation& observation : moved) AddObservation(into, observation.keyframe, observation.feature);
+  AddVisibility(into, visible, found);
+}
+
+void Edit::SetPose(KeyframeId id, const SE3& camera_from_map) {
+  MutableKeyframe(id).camera_from_map = camera_from_map;
+  // Viewing directions follow the pose.
+  for (const PointId point_id : keyframe(id).points) {
+    if (point_id) stale_points_.insert(point_id);
+  }
+}
+
+void Edit::SetPosition(PointId id, const Vector3d& position) {
+  MutablePoint(id).position = position;
+  stale_points_.insert(id);
+}
+
+void Edit::AddVisibility(PointId id, int visible, int found) {
+  MapPoint& changed = MutablePoint(id);
+  changed.times_visible += visible;
+  changed.times_found += found;
+}
+
+void Edit::SetEdge(KeyframeId from, KeyframeId to, int shared_points) {
+  const auto& known = keyframe(from).covisible;
+  const auto same = std::find_if(known.begin(), known.end(), [&](const auto& edge) { return edge.keyframe == to; });
+  const int before = same == known.end() ? 0 : same->shared_points;
+  if (before == shared_points) return;
+  auto& edges = MutableKeyframe(from).covisible;
+  std::erase_if(edges, [&](const auto& edge) { return edge.keyframe == to; });
+  if (shared_points == 0) return;
+  const CovisibilityEdge edge{to, shared_points};
+  edges.insert(std::lower_bound(edges.begin(), edges.end(), edge,
+                                [](const CovisibilityEdge& a, const CovisibilityEdge& b) {
+                                  return a.shared_points != b.shared_points ? a.shared_points > b.shared_points
+                                                                            : a.keyframe < b.keyframe;
+                                }),
+               edge);
+}
+
+void Edit::UpdateCovisibility(KeyframeId id) {
+  std::map<KeyframeId, int> shared;
+  for (const PointId point_id : keyframe(id).points) {
+    if (!point_id) continue;
+    for (const Observation& observation : point(point_id).observations) {
+      if (observation.keyframe != id) ++shared[observation.keyframe];
+    }
+  }
+  for (const CovisibilityEdge& edge : keyframe(id).covisible) shared.try_emplace(edge.keyframe, 0);
+  for (const auto& [other, count] : shared) {
+    const int kept = count >= kMinStoredSharedPoints ? count : 0;
+    SetEdge(id, other, kept);
+    SetEdge(other, id, kept);
+  }
+  stale_covisibility_.erase(id);
+}
+
+void Edit::SetParent(KeyframeId child, KeyframeId parent) {
+  MutableKeyframe(child).parent = parent;
+  InsertSorted(MutableKeyframe(parent).children, child);
+}
+
+// Orphans join, best covisibility first, to the erased keyframe's parent or to orphans that already joined; so the graph
+// stays a tree. Who shares nothing with any of them goes to the grandparent.
+void Edit::AdoptChildren(const Keyframe& orphaned) {
+  std::vector<KeyframeId> orphans = orphaned.children;
+  std::vector<KeyframeId> adopters = {orphaned.parent};
+  while (!orphans.empty()) {
+    KeyframeId best_child, best_parent;
+    int best_shared = 0;
+    for (const KeyframeId child : orphans) {
+      for (const CovisibilityEdge& edge : keyframe(child).covisible) {
+        if (edge.shared_points <= best_shared) break;
+        if (std::find(adopters.begin(), adopters.end(), edge.keyframe) == adopters.end()) continue;
+        best_child = child;
+        best_parent = edge.keyframe;
+        best_shared = edge.shared_points;
+      }
+    }
+    if (!best_child) break;
+    SetParent(best_child, best_parent);
+    adopters.push_back(best_child);
+    std::erase(orphans, best_child);
+  }
+  for (const KeyframeId child : orphans) SetParent(child, orphaned.parent);
+}
+
+void Edit::UpdatePoint(PointId id) {
+  stale_points_.erase(id);
+  if (point(id).observations.empty()) return;
+  MapPoint& changed = MutablePoint(id);
+  std::vector<image::Descriptor> descriptors;
+  Vector3d direction = Vector3d::Zero();
+  for (const Observation& observation : changed.observations) {
+    const Keyframe& seen_by = keyframe(observation.keyframe);
+    descriptors.push_back(seen_by.descriptors()[observation.feature]);
+    direction += (changed.position - seen_by.CenterInMap()).normalized();
+  }
+  const std::size_t typical = MostTypical(descriptors);
+  changed.reference = changed.observations[typical];
+  changed.descriptor = descriptors[typical];
+  changed.mean_view_direction = direction.normalized().cast<float>();
+
+  // Seen at octave o from distance d, it would be at octave 0 from d * scale^o, and at the last one from that / scale^last.
+  const Keyframe& seen_by = keyframe(changed.reference.keyframe);
+  const int octave = seen_by.keypoints()[changed.reference.feature].octave;
+  const double distance = (changed.position - seen_by.CenterInMap()).norm();
+  const image::OrbParameters& orb = info().orb;
+  changed.max_distance = static_cast<float>(distance * orb.Scale(octave));
+  changed.min_distance = static_cast<float>(changed.max_distance / orb.Scale(orb.num_levels - 1));
+}
+
+std::vector<KeyframeId> Edit::ChangedKeyframes() const {
+  std::vector<KeyframeId> ids;
+  for (const auto& [id, keyframe] : keyframes_) {
+    if (keyframe) ids.push_back(id);
+  }
+  std::sort(ids.begin(), ids.end());
+  return ids;
+}
+
+Delta Edit::Finish(std::string reason) {
+  std::erase_if(points_, [&](const auto& entry) {
+    return entry.second && entry.second->observations.empty() && !base_->points().Contains(entry.first);
+  });
+  while (!stale_covisibility_.empty()) UpdateCovisibility(*stale_covisibility_.begin());
+  const std::set<PointId> stale = stale_points_;
+  for (const PointId id : stale) {
+    if (FindPoint(id) != nullptr) UpdatePoint(id);
+  }
+  // A new keyframe hangs below the keyframe it shares most with; a keyframe of the same edit only if it came earlier, so
+  // that there is no cycle.
+  for (const KeyframeId id : ChangedKeyframes()) {
+    if (keyframe(id).parent || base_->keyframes().Contains(id)) continue;
+    for (const CovisibilityEdge& edge : std::vector<CovisibilityEdge>(keyframe(id).covisible)) {
+      if (edge.keyframe < id) {
+        SetParent(id, edge.keyframe);
+        break;
+      }
+    }
+  }
+
+  Delta delta;
+  delta.base = base_->revision();
+  delta.reason = std::move(reason);
+  delta.info = std::move(info_);
+  delta.cameras = std::move(cameras_);
+  delta.sessions = std::move(sessions_);
+  delta.next_keyframe = next_keyframe_;
+  delta.next_point = next_point_;
+  Collect(keyframes_, base_->keyframes(), &delta.keyframes, &delta.removed_keyframes);
+  Collect(points_, base_->points(), &delta.points, &delta.removed_points);
+  return delta;
+}
+
+}  // namespace cairn::map

@@ -1,0 +1,86 @@
+// A change in the making: reads fall through to the Snapshot it started from, writes stay here until Finish() turns them into
+// a Delta. Mapping works on an Edit and keeps the links between entities true through it.
+#pragma once
+
+#include <memory>
+#include <set>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "map/snapshot.h"
+
+namespace cairn::map {
+
+class Edit {
+ public:
+  explicit Edit(std::shared_ptr<const Snapshot> base);
+
+  const Snapshot& base() const { return *base_; }
+  const MapInfo& info() const { return info_ ? *info_ : base_->info(); }
+
+  // Null if it does not exist (or was erased here).
+  const Keyframe* FindKeyframe(KeyframeId id) const;
+  const MapPoint* FindPoint(PointId id) const;
+  // The entity must exist. References stay valid until the entity is erased or the Edit finishes; a reference from before
+  // the first change of an entity keeps showing the old value.
+  const Keyframe& keyframe(KeyframeId id) const { return *FindKeyframe(id); }
+  const MapPoint& point(PointId id) const { return *FindPoint(id); }
+  const Pinhole& pinhole(CameraId id) const;
+
+  void SetInfo(MapInfo info) { info_ = std::move(info); }
+  CameraId AddCamera(MapCamera camera);     // gives the id
+  SessionId AddSession(Session session);    // gives the id
+  void PutSession(const Session& session);  // replaces an existing one
+
+  // Gives the id. Features must be set; points is sized here and links are made with AddObservation.
+  KeyframeId AddKeyframe(Keyframe keyframe);
+  // Gives the id. A point without observations is dropped by Finish().
+  PointId AddPoint(const Vector3d& position);
+
+  // False, and nothing changes, if the keyframe already observes the point or the feature already has a point.
+  bool AddObservation(PointId point, KeyframeId keyframe, std::uint32_t feature);
+  // Erases the point when fewer than `min_observations` would be left.
+  void RemoveObservation(PointId point, KeyframeId keyframe, int min_observations = 2);
+  void ErasePoint(PointId id);
+  // Unlinks its points and hands its children to other parents. The root of a spanning tree cannot be erased (returns false).
+  bool EraseKeyframe(KeyframeId id, int min_observations = 2);
+  // Moves the observations of `from` to `into` where `into` has none, and erases `from`.
+  void FusePoints(PointId from, PointId into);
+
+  void SetPose(KeyframeId id, const SE3& camera_from_map);
+  void SetPosition(PointId id, const Vector3d& position);
+  void AddVisibility(PointId id, int visible, int found);
+
+  // Brings the covisibility edges of a keyframe up to date now; Finish() does it for all that changed.
+  void UpdateCovisibility(KeyframeId id);
+  // Likewise the derived fields of a point.
+  void UpdatePoint(PointId id);
+
+  // Every keyframe and point touched so far, ascending.
+  std::vector<KeyframeId> ChangedKeyframes() const;
+
+  // The change as a Delta; the Edit is then empty and must not be used.
+  Delta Finish(std::string reason);
+
+ private:
+  Keyframe& MutableKeyframe(KeyframeId id);
+  MapPoint& MutablePoint(PointId id);
+  void SetEdge(KeyframeId from, KeyframeId to, int shared_points);
+  void SetParent(KeyframeId child, KeyframeId parent);
+  void AdoptChildren(const Keyframe& orphaned);
+
+  std::shared_ptr<const Snapshot> base_;
+  std::optional<MapInfo> info_;
+  std::vector<MapCamera> cameras_;
+  std::vector<Session> sessions_;
+  // Null: erased here.
+  std::unordered_map<KeyframeId, std::shared_ptr<Keyframe>> keyframes_;
+  std::unordered_map<PointId, std::shared_ptr<MapPoint>> points_;
+  std::set<KeyframeId> stale_covisibility_;
+  std::set<PointId> stale_points_;
+  KeyframeId next_keyframe_;
+  PointId next_point_;
+};
+
+}  // namespace cairn::map

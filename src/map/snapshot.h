@@ -1,0 +1,63 @@
+// One revision of a map, immutable, shared by any number of readers without locks.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "base/status.h"
+#include "map/delta.h"
+#include "map/entities.h"
+#include "map/table.h"
+
+namespace cairn::map {
+
+// Edges of fewer shared points are not kept in the graph at all.
+inline constexpr int kMinStoredSharedPoints = 8;
+// From how many shared points two keyframes count as covisible, and as linked in the essential graph (DESIGN: 15, 100).
+inline constexpr int kMinCovisiblePoints = 15;
+inline constexpr int kMinEssentialPoints = 100;
+
+class Snapshot {
+ public:
+  // An empty map at revision 0.
+  static std::shared_ptr<const Snapshot> Empty(MapInfo info);
+
+  // The map after `delta`. O(size of the delta). Errors: FailedPrecondition if delta.base is not this revision,
+  // InvalidArgument if the delta refers to entities that do not exist; this snapshot is as it was.
+  absl::StatusOr<std::shared_ptr<const Snapshot>> Apply(const Delta& delta) const;
+
+  Revision revision() const { return revision_; }
+  const MapInfo& info() const { return *info_; }
+  const std::map<CameraId, MapCamera>& cameras() const { return *cameras_; }
+  const std::map<SessionId, Session>& sessions() const { return *sessions_; }
+  const Table<KeyframeId, Keyframe>& keyframes() const { return keyframes_; }
+  const Table<PointId, MapPoint>& points() const { return points_; }
+  KeyframeId next_keyframe() const { return next_keyframe_; }
+  PointId next_point() const { return next_point_; }
+
+  // The entity must exist.
+  const Keyframe& keyframe(KeyframeId id) const { return *keyframes_.Find(id); }
+  const MapPoint& point(PointId id) const { return *points_.Find(id); }
+  const Pinhole& pinhole(CameraId id) const { return cameras_->at(id).pinhole; }
+
+  // Every reference resolves both ways: observations, parents and children, covisibility. O(map); for tests, `verify`
+  // and after loading.
+  absl::Status CheckConsistency() const;
+
+ private:
+  Revision revision_ = 0;
+  std::shared_ptr<const MapInfo> info_;
+  std::shared_ptr<const std::map<CameraId, MapCamera>> cameras_;
+  std::shared_ptr<const std::map<SessionId, Session>> sessions_;
+  Table<KeyframeId, Keyframe> keyframes_;
+  Table<PointId, MapPoint> points_;
+  KeyframeId next_keyframe_{1};
+  PointId next_point_{1};
+};
+
+// The covisible keyframes with at least `min_shared` points in common, best first, at most `max_count` (0: all). If none
+// reaches `min_shared`, the best one there is.
+std::vector<KeyframeId> BestCovisible(const Keyframe& keyframe, int max_count = 0, int min_shared = kMinCovisiblePoints);
+
+}  // namespace cairn::map

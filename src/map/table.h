@@ -1,0 +1,126 @@
+// A persistent table from dense ids to immutable values. Copying a table is O(1) and the copy never changes; a change costs
+// O(log32 n) whatever the size. This is what makes a map::Snapshot cheap to publish and safe to read without locks.
+//
+// A radix tree with 32 children per node, in the manner of Bagwell, "Ideal hash trees" (2001), without hashing as ids are dense.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+
+namespace cairn::map {
+
+// Names one batch of changes. A node made in the batch may be changed in place by it; every other node is copied first.
+class TableEdit {
+ public:
+  TableEdit() : token_(NextToken()) {}
+  std::uint64_t token() const { return token_; }
+
+ private:
+  static std::uint64_t NextToken() {
+    static std::atomic<std::uint64_t> next{1};
+    return next.fetch_add(1, std::memory_order_relaxed);
+  }
+  std::uint64_t token_;
+};
+
+template <class IdType, class T>
+class Table {
+ public:
+  using Pointer = std::shared_ptr<const T>;
+
+  std::size_t size() const { return size_; }
+  bool empty() const { return size_ == 0; }
+
+  // Null if there is no such entry. The value lives as long as any table that holds it.
+  const T* Find(IdType id) const { return FindPointer(id).get(); }
+  const Pointer& FindPointer(IdType id) const {
+    static const Pointer none;
+    std::uint32_t key = id.value();
+    if (!root_ || (depth_ < kMaxDepth && (key >> (kBits * depth_)) != 0)) return none;
+    const Node* node = root_.get();
+    for (int level = depth_ - 1; level > 0; --level) {
+      node = node->children[(key >> (kBits * level)) & kMask].get();
+      if (node == nullptr) return none;
+    }
+    return node->values[key & kMask];
+  }
+  bool Contains(IdType id) const { return Find(id) != nullptr; }
+
+  // Sets (or with null, removes) an entry of this table; other copies keep what they had.
+  void Set(IdType id, Pointer value, const TableEdit& edit) {
+    const std::uint32_t key = id.value();
+    if (!root_) {
+      if (!value) return;
+      root_ = std::make_shared<Node>(edit.token());
+      depth_ = 1;
+    }
+    while (depth_ < kMaxDepth && (key >> (kBits * depth_)) != 0) {
+      auto taller = std::make_shared<Node>(edit.token());
+      taller->children[0] = std::move(root_);
+      root_ = std::move(taller);
+      ++depth_;
+    }
+    Node* node = Own(root_, edit);
+    for (int level = depth_ - 1; level > 0; --level) {
+      auto& child = node->children[(key >> (kBits * level)) & kMask];
+      if (!child) {
+        if (!value) return;
+        child = std::make_shared<Node>(edit.token());
+      }
+      node = Own(child, edit);
+    }
+    Pointer& slot = node->values[key & kMask];
+    if (value && !slot) ++size_;
+    if (!value && slot) --size_;
+    slot = std::move(value);
+  }
+
+  // Calls visit(const Pointer&) for every entry, in the order of ids.
+  template <class Visit>
+  void ForEach(Visit&& visit) const {
+    if (root_) Walk(*root_, depth_ - 1, visit);
+  }
+
+ private:
+  static constexpr int kBits = 5;
+  static constexpr std::uint32_t kMask = (1u << kBits) - 1;
+  static constexpr int kMaxDepth = 7;  // 7 * 5 bits cover a 32-bit id
+
+  // A leaf uses `values`, an inner node `children`.
+  struct Node {
+    explicit Node(std::uint64_t edit_token) : token(edit_token) {}
+    std::uint64_t token;
+    std::array<std::shared_ptr<Node>, 1u << kBits> children;
+    std::array<Pointer, 1u << kBits> values;
+  };
+
+  static Node* Own(std::shared_ptr<Node>& node, const TableEdit& edit) {
+    if (node->token != edit.token()) {
+      node = std::make_shared<Node>(*node);
+      node->token = edit.token();
+    }
+    return node.get();
+  }
+
+  template <class Visit>
+  static void Walk(const Node& node, int level, Visit&& visit) {
+    if (level == 0) {
+      for (const Pointer& value : node.values) {
+        if (value) visit(value);
+      }
+      return;
+    }
+    for (const auto& child : node.children) {
+      if (child) Walk(*child, level - 1, visit);
+    }
+  }
+
+  std::shared_ptr<Node> root_;
+  int depth_ = 0;
+  std::size_t size_ = 0;
+};
+
+}  // namespace cairn::map
