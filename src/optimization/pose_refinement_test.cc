@@ -1,0 +1,168 @@
+#include "optimization/pose_refinement.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "base/random.h"
+
+namespace cairn::optimization {
+namespace {
+
+const Pinhole kPinhole{640, 480, 525.0, 520.0, 318.0, 242.0};
+
+SE3 Turned(Random& random, double translation, double rotation_rad) {
+  Vector6d tangent;
+  for (int i = 0; i < 6; ++i) tangent[i] = random.Normal() * (i < 3 ? translation : rotation_rad);
+  return SE3::Exp(tangent);
+}
+
+// Points in front of a camera at `truth`, with pixel noise.
+std::vector<PoseObservation> Observe(const SE3& truth, int count, double noise, Random& random) {
+  std::vector<PoseObservation> observations;
+  for (int i = 0; i < count; ++i) {
+    const Vector2d pixel(random.Uniform(0, 639), random.Uniform(0, 479));
+    PoseObservation o;
+    o.sigma_px = std::pow(1.2, static_cast<double>(random.Below(8)));
+    o.point = truth.Inverse() * (random.Uniform(0.5, 6.0) * kPinhole.Unproject(pixel));
+    o.pixel = pixel + noise * o.sigma_px * Vector2d(random.Normal(), random.Normal());
+    observations.push_back(o);
+  }
+  return observations;
+}
+
+double RotationErrorRad(const SE3& a, const SE3& b) { return AngleRad((a * b.Inverse()).rotation()); }
+double CenterError(const SE3& a, const SE3& b) {
+  return (a.Inverse().translation() - b.Inverse().translation()).norm();
+}
+
+TEST(Reprojection, JacobiansAgreeWithDifferences) {
+  Random random(1);
+  for (int trial = 0; trial < 20; ++trial) {
+    const SE3 pose = Turned(random, 1.0, 1.0);
+    const Vector3d point_c(random.Uniform(-1, 1), random.Uniform(-1, 1), random.Uniform(0.5, 4));
+    const Vector3d point = pose.Inverse() * point_c;
+    const Vector2d pixel(100, 200);
+    const Matrix26d by_pose = ReprojectionByPose(kPinhole, point_c);
+    const Matrix23d by_point = ReprojectionByPoint(kPinhole, pose.RotationMatrix(), point_c);
+    const double h = 1e-6;
+    for (int k = 0; k < 6; ++k) {
+      const Vector6d x = Vector6d::Unit(k) * h;
+      const Vector2d difference = (ReprojectionResidual(kPinhole, (SE3::Exp(x) * pose) * point, pixel) -
+                                   ReprojectionResidual(kPinhole, (SE3::Exp(-x) * pose) * point, pixel)) /
+                                  (2 * h);
+      EXPECT_LT((difference - by_pose.col(k)).norm(), 1e-4 * (1.0 + by_pose.col(k).norm()));
+    }
+    for (int k = 0; k < 3; ++k) {
+      const Vector3d x = Vector3d::Unit(k) * h;
+      const Vector2d difference = (ReprojectionResidual(kPinhole, pose * (point + x), pixel) -
+                                   ReprojectionResidual(kPinhole, pose * (point - x), pixel)) /
+                                  (2 * h);
+      EXPECT_LT((difference - by_point.col(k)).norm(), 1e-4 * (1.0 + by_point.col(k).norm()));
+    }
+  }
+}
+
+TEST(Reprojection, HuberIsSmoothAtItsThreshold) {
+  const HuberLoss loss{2.0};
+  EXPECT_DOUBLE_EQ(loss.Value(3.0), 3.0);
+  EXPECT_NEAR(loss.Value(4.0 + 1e-9), 4.0, 1e-8);
+  EXPECT_DOUBLE_EQ(loss.Value(16.0), 12.0);
+  EXPECT_DOUBLE_EQ(loss.Weight(3.0), 1.0);
+  EXPECT_DOUBLE_EQ(loss.Weight(16.0), 0.5);
+}
+
+TEST(RefinePose, FindsTheExactPose) {
+  Random random(2);
+  for (int trial = 0; trial < 10; ++trial) {
+    const SE3 truth = Turned(random, 1.0, 1.0);
+    const auto observations = Observe(truth, 50, 0.0, random);
+    const auto refined = RefinePose(kPinhole, Turned(random, 0.05, 0.05) * truth, observations);
+    ASSERT_TRUE(refined.ok()) << refined.status();
+    EXPECT_LT(CenterError(refined->camera_from_map, truth), 1e-6);
+    EXPECT_LT(RotationErrorRad(refined->camera_from_map, truth), 1e-6);
+    EXPECT_EQ(refined->num_inliers, 50);
+    EXPECT_LT(refined->chi2, 1e-8);
+  }
+}
+
+TEST(RefinePose, WithstandsFortyPercentOutliers) {
+  Random random(3);
+  for (int trial = 0; trial < 10; ++trial) {
+    const SE3 truth = Turned(random, 1.0, 1.0);
+    auto observations = Observe(truth, 200, 0.7, random);
+    for (int i = 0; i < 80; ++i) observations[i].pixel = {random.Uniform(0, 639), random.Uniform(0, 479)};
+    const auto refined = RefinePose(kPinhole, Turned(random, 0.02, 0.02) * truth, observations);
+    ASSERT_TRUE(refined.ok()) << refined.status();
+    EXPECT_LT(CenterError(refined->camera_from_map, truth), 0.02);
+    EXPECT_LT(RotationErrorRad(refined->camera_from_map, truth), 0.01);
+    int wrong = 0, missed = 0;
+    for (int i = 0; i < 200; ++i) (i < 80 ? wrong : missed) += refined->inlier[i] == (i < 80 ? 1 : 0);
+    EXPECT_LE(wrong, 2);
+    EXPECT_LE(missed, 12);
+  }
+}
+
+TEST(RefinePose, CovarianceTellsTheSpread) {
+  Random random(4);
+  const SE3 truth = Turned(random, 1.0, 1.0);
+  const auto exact = Observe(truth, 100, 0.0, random);
+  Matrix6d sampled = Matrix6d::Zero(), predicted = Matrix6d::Zero();
+  const int trials = 400;
+  for (int trial = 0; trial < trials; ++trial) {
+    auto observations = exact;
+    for (auto& o : observations) o.pixel += o.sigma_px * Vector2d(random.Normal(), random.Normal());
+    PoseRefinementOptions options;
+    options.rounds = 1;  // no rejection: the estimate is linear in the noise
+    options.huber_threshold = 100.0;
+    options.chi2_threshold = 100.0;
+    const auto refined = RefinePose(kPinhole, truth, observations, options);
+    ASSERT_TRUE(refined.ok());
+    const Vector6d error = (refined->camera_from_map * truth.Inverse()).Log();
+    sampled += error * error.transpose() / trials;
+    predicted += refined->covariance / trials;
+  }
+  for (int k = 0; k < 6; ++k) EXPECT_NEAR(sampled(k, k) / predicted(k, k), 1.0, 0.25) << k;
+
+  // The same spread seen from the inverse.
+  const Matrix6d inverse = CovarianceOfInverse(truth, predicted);
+  Vector6d x = Vector6d::Unit(1) * 1e-4;
+  const Vector6d moved = ((SE3::Exp(x) * truth).Inverse() * truth).Log();
+  EXPECT_LT((moved + truth.Inverse().Adjoint() * x).norm(), 1e-7);
+  EXPECT_NEAR(inverse.determinant() / predicted.determinant(), 1.0, 1e-6);
+}
+
+TEST(RefinePose, SaysWhatIsWrong) {
+  Random random(5);
+  const SE3 truth;
+  const auto observations = Observe(truth, 10, 0.0, random);
+  EXPECT_EQ(RefinePose(kPinhole, truth, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(RefinePose(kPinhole, truth, std::span(observations).first(3)).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+
+  auto bad = observations;
+  bad[4].sigma_px = 0.0;
+  const auto status = RefinePose(kPinhole, truth, bad).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr("observation 4"));
+  bad = observations;
+  bad[2].point.x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(RefinePose(kPinhole, truth, bad).status().code(), absl::StatusCode::kInvalidArgument);
+
+  PoseRefinementOptions options;
+  options.rounds = 0;
+  EXPECT_EQ(RefinePose(kPinhole, truth, observations, options).status().code(), absl::StatusCode::kInvalidArgument);
+
+  // All behind the camera.
+  auto behind = observations;
+  for (auto& o : behind) o.point.z() *= -1.0;
+  EXPECT_EQ(RefinePose(kPinhole, truth, behind).status().code(), absl::StatusCode::kFailedPrecondition);
+
+  // One and the same point.
+  const std::vector<PoseObservation> same(20, observations[0]);
+  EXPECT_EQ(RefinePose(kPinhole, truth, same).status().code(), absl::StatusCode::kFailedPrecondition);
+}
+
+}  // namespace
+}  // namespace cairn::optimization
