@@ -1,0 +1,66 @@
+// The settings of the feature module, with defaults for every sequence. Sections refer to Lee and Civera,
+// "Loosely-Coupled Semi-Direct Monocular SLAM" (RA-L 2019), called LCSD below; thresholds of local mapping to
+// Mur-Artal, Montiel and Tardos, "ORB-SLAM" (T-RO 2015).
+#pragma once
+
+#include "absl/status/status.h"
+
+namespace cairn::mapping {
+
+struct FeatureMapperOptions {
+  // Features per keyframe by the rate at which the direct module makes keyframes: linear in between (LCSD Sec. V-B).
+  int max_features = 2500;
+  int min_features = 1500;
+  double slow_rate_hz = 4.0;
+  double fast_rate_hz = 7.0;
+
+  // Start from direct depths.
+  int min_start_points = 100;    // features with a trustworthy depth at the first start ...
+  int min_restart_points = 150;  // ... and at a later one, after a loss
+
+  // Tracking of a keyframe against the local map.
+  int min_inliers = 25;   // fewer: this keyframe is lost
+  int poor_inliers = 60;  // fewer: the state is poor
+  int max_local_keyframes = 60;
+  double search_radius_px = 12.0;         // at octave 0, around a point projected with the seed pose
+  double refined_search_radius_px = 4.0;  // and with the refined one
+  // Keyframes count as neighbours, linked or not, within this distance (in median scene depths) and viewing angle.
+  double neighbour_distance = 0.6;
+  double neighbour_angle_deg = 45.0;
+
+  // Insertion (LCSD Sec. V-D).
+  int insert_below_matches = 150;
+  int max_keyframes_between = 3;     // packets not inserted in a row
+  double insert_below_share = 0.75;  // of the matches of the last keyframe inserted
+
+  // New points.
+  int triangulation_neighbours = 12;
+  double min_parallax_deg = 1.0;
+  double min_baseline_share = 0.01;  // of the median scene depth, between two keyframes
+  double max_chi_square = 5.991;     // of a reprojection error, 2 degrees of freedom, 95 %
+
+  // Fusion of duplicate points.
+  int fusion_neighbours = 15;
+  int fusion_second_neighbours = 5;
+  double fusion_radius_px = 3.0;
+
+  // Local bundle adjustment; half of the usual iterations (LCSD Sec. VI-A).
+  int max_adjusted_keyframes = 20;
+  int max_fixed_keyframes = 30;
+  int first_iterations = 3;
+  int second_iterations = 5;
+
+  // Culling.
+  double min_found_ratio = 0.25;
+  int min_observations = 3;      // of a point that is older than ...
+  int young_keyframes = 3;       // ... this many keyframes
+  double redundant_share = 0.9;  // of a keyframe's points seen in enough others: it goes
+  int redundant_observers = 3;
+
+  // After a loss.
+  int max_attempts = 5;  // keyframes that try to find the map again before a new start is made from direct depths
+
+  absl::Status Validate() const;
+};
+
+}  // namespace cairn::mapping
