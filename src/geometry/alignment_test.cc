@@ -55,7 +55,6 @@ TEST(Alignment, RigidKeepsTheScaleAtOne) {
 }
 
 // The points of the worked example in Umeyama 1991: in the plane their best orthogonal map is a reflection.
-// identity.
 TEST(Alignment, ReflectionIsNotAnAnswer) {
   const std::vector<Vector3d> x = {{0, 0, 0}, {1, 0, 0}, {0, 2, 0}};
   const std::vector<Vector3d> y = {{0, 0, 0}, {-1, 0, 0}, {0, 2, 0}};

@@ -1,0 +1,24 @@
+// Which ground-truth sample belongs to which estimated pose.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "io/trajectory.h"
+
+namespace cairn::eval {
+
+// Sorted by time, without poses whose position is not finite (how files mark "no ground truth here").
+std::vector<io::StampedPose> SortedFinite(std::span<const io::StampedPose> poses);
+
+struct Association {
+  std::size_t estimate = 0;     // index into the estimate
+  std::size_t groundtruth = 0;  // index into the ground truth
+};
+
+// For each estimated pose the nearest ground truth in time, no interpolation, the earlier one of two equally near; none
+// if it is further than max_dt_s. Both sorted by time.
+std::vector<Association> AssociateNearest(std::span<const io::StampedPose> estimate,
+                                          std::span<const io::StampedPose> groundtruth, double max_dt_s);
+
+}  // namespace cairn::eval

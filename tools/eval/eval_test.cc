@@ -1,0 +1,233 @@
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+
+#include "base/random.h"
+#include "eval/association.h"
+#include "eval/ate.h"
+#include "eval/localization.h"
+#include "eval/loop.h"
+#include "eval/rpe.h"
+#include "eval/statistics.h"
+
+namespace cairn::eval {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+// A winding path of `n` poses at 10 Hz.
+std::vector<io::StampedPose> Path(int n) {
+  std::vector<io::StampedPose> poses;
+  for (int i = 0; i < n; ++i) {
+    const double u = 0.1 * i;
+    poses.push_back({FromSeconds(1e6 + u), SE3(ExpSO3(Vector3d(0.1 * std::sin(u), 0.3 * u, 0.05)),
+                                               Vector3d(2 * std::sin(0.5 * u), 0.3 * std::cos(u), 0.8 * u))});
+  }
+  return poses;
+}
+
+std::vector<io::StampedPose> Moved(const Sim3& a_from_b, std::vector<io::StampedPose> poses) {
+  for (auto& p : poses) p.world_from_camera = a_from_b.TransformPose(p.world_from_camera);
+  return poses;
+}
+
+const Sim3 kMove(ExpSO3(Vector3d(0.3, -0.9, 1.4)), Vector3d(5, 6, -7), 0.4);
+
+TEST(Statistics, KnownValues) {
+  const std::vector<double> v = {4, 1, 3, 2};
+  const Statistics s = Summarize(v);
+  EXPECT_EQ(s.count, 4);
+  EXPECT_DOUBLE_EQ(s.mean, 2.5);
+  EXPECT_DOUBLE_EQ(s.median, 2.5);
+  EXPECT_DOUBLE_EQ(s.rmse, std::sqrt(7.5));
+  EXPECT_DOUBLE_EQ(s.std_dev, std::sqrt(1.25));
+  EXPECT_EQ(s.max, 4);
+  EXPECT_EQ(Summarize({}).count, 0);
+}
+
+TEST(Statistics, FailedRunsCount) {
+  const std::vector<absl::StatusOr<double>> runs = {0.3, absl::InternalError("lost"), 0.1, 0.2, 0.4};
+  const RunSummary s = SummarizeRuns(runs, 10.0);
+  EXPECT_EQ(s.failed, 1);
+  EXPECT_DOUBLE_EQ(s.median, 0.3);
+  EXPECT_EQ(s.worst, 10.0);
+  const std::vector<absl::StatusOr<double>> all(4, absl::InternalError("lost"));
+  EXPECT_TRUE(std::isinf(SummarizeRuns(all, INFINITY).median));
+}
+
+TEST(Association, NearestEarlierOfEqualAndLimit) {
+  const std::vector<io::StampedPose> gt = {{100, {}}, {200, {}}, {300, {}}};
+  const std::vector<io::StampedPose> est = {{20, {}}, {90, {}}, {150, {}}, {151, {}}, {320, {}}, {390, {}}};
+  const auto pairs = AssociateNearest(est, gt, 60e-9);
+  ASSERT_EQ(pairs.size(), 4u);
+  EXPECT_EQ(pairs[0].groundtruth, 0u);
+  EXPECT_EQ(pairs[1].groundtruth, 0u);
+  EXPECT_EQ(pairs[2].groundtruth, 1u);
+  EXPECT_EQ(pairs[3].groundtruth, 2u);
+  EXPECT_TRUE(AssociateNearest(est, {}, 1).empty());
+}
+
+TEST(Ate, ZeroAfterASimilarityAndKnownAfterNoise) {
+  const auto gt = Path(80);
+  auto est = Moved(kMove.Inverse(), gt);
+  auto result = EvaluateAte(est, gt);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_LT(result->position_m.max, 1e-9);
+  EXPECT_LT(result->rotation_rad.max, 1e-6);
+  EXPECT_NEAR(result->groundtruth_from_estimate.scale(), 0.4, 1e-9);
+  EXPECT_EQ(result->position_m.count, 80);
+  double length = 0;
+  for (int i = 1; i < 80; ++i) {
+    length += (gt[i].world_from_camera.translation() - gt[i - 1].world_from_camera.translation()).norm();
+  }
+  EXPECT_NEAR(result->path_length_m, length, 1e-9);
+
+  // Scale may not be repaired when the alignment is rigid; nothing may when there is none.
+  EXPECT_GT(EvaluateAte(est, gt, {.with_scale = false})->position_m.rmse, 0.5);
+  est = gt;
+  for (auto& p : est) p.world_from_camera.translation() += Vector3d(0.03, 0.04, 0);
+  EXPECT_NEAR(EvaluateAte(est, gt, {.align = false})->position_m.rmse, 0.05, 1e-12);
+  EXPECT_LT(EvaluateAte(est, gt)->position_m.rmse, 1e-9);
+}
+
+TEST(Ate, OrderAndGapsInTheGroundTruth) {
+  auto gt = Path(60);
+  auto est = Moved(kMove, gt);
+  std::swap(est[3], est[40]);
+  gt[10].world_from_camera.translation().x() = kNan;
+  gt.erase(gt.begin() + 20);
+  const auto result = EvaluateAte(est, gt);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->position_m.count, 58);
+  EXPECT_EQ(result->estimated, 60);
+  EXPECT_LT(result->position_m.max, 1e-9);
+}
+
+TEST(Ate, BadInput) {
+  const auto gt = Path(30);
+  EXPECT_EQ(EvaluateAte({}, gt).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(EvaluateAte(gt, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+  auto late = gt;
+  for (auto& p : late) p.time_ns += FromSeconds(1e4);
+  EXPECT_NE(EvaluateAte(late, gt).status().message().find("clock"), std::string::npos);
+  EXPECT_EQ(EvaluateAte(gt, gt, {.max_dt_s = -1}).status().code(), absl::StatusCode::kInvalidArgument);
+  std::vector<io::StampedPose> still(10, gt[0]);
+  for (int i = 0; i < 10; ++i) still[i].time_ns = gt[i].time_ns;
+  EXPECT_FALSE(EvaluateAte(still, gt).ok());
+}
+
+TEST(Rpe, DriftOfOnePercentInScale) {
+  // A path along z whose estimate grows faster and faster: the scale is right on the whole, not in the parts.
+  std::vector<io::StampedPose> gt, est;
+  for (int i = 0; i <= 100; ++i) {
+    const double z = 0.1 * i;
+    gt.push_back({FromSeconds(0.1 * i), SE3(Quaterniond::Identity(), {0, 0, z})});
+    est.push_back({FromSeconds(0.1 * i), SE3(ExpSO3({0, 0.002 * i, 0}), {0, 0, 1.01 * z})});
+  }
+  const auto result = EvaluateRpe(est, gt, {.deltas = {1.0, 2.0, 100.0}, .with_scale = false});
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ((*result)[0].segments, 91);
+  EXPECT_NEAR((*result)[0].rotation_rad.rmse, 0.02, 1e-6);
+  EXPECT_NEAR((*result)[1].rotation_rad.median, 0.04, 1e-6);
+  EXPECT_EQ((*result)[2].segments, 0);
+  const auto frames = EvaluateRpe(est, gt, {.unit = RpeUnit::kFrames, .deltas = {10}, .with_scale = false});
+  EXPECT_NEAR((*frames)[0].translation_m.median, (*result)[0].translation_m.median, 1e-9);
+  const auto seconds = EvaluateRpe(est, gt, {.unit = RpeUnit::kSeconds, .deltas = {1}, .with_scale = false});
+  EXPECT_EQ((*seconds)[0].segments, 91);
+  for (auto& p : est) p.world_from_camera = SE3(Quaterniond::Identity(), p.world_from_camera.translation());
+  const auto straight = EvaluateRpe(est, gt, {.with_scale = false});
+  EXPECT_NEAR((*straight)[0].drift_percent, 1.0, 1e-6);
+  EXPECT_FALSE(EvaluateRpe(est, gt, {.deltas = {}}).ok());
+  EXPECT_FALSE(EvaluateRpe(est, gt, {.deltas = {-1}}).ok());
+}
+
+TEST(Rpe, ScaleFromTheAlignment) {
+  const auto gt = Path(80);
+  const auto result = EvaluateRpe(Moved(kMove, gt), gt);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_LT((*result)[0].translation_m.max, 1e-8);
+}
+
+TEST(Loop, KnownDriftBetweenTheEnds) {
+  // The estimate of the second half is moved: aligning to the end undoes that move, so the copies differ by it.
+  const auto path = Path(200);
+  io::Trajectory gt;
+  gt.num_rows = 200;
+  for (int i = 0; i < 200; ++i) {
+    if (i >= 40 && i < 160) continue;
+    gt.poses.push_back(path[i]);
+    gt.rows.push_back(i);
+  }
+  const Sim3 drift(Quaterniond::Identity(), Vector3d(0.3, 0, 0.4), 1.0);
+  auto est = path;
+  for (int i = 100; i < 200; ++i) est[i].world_from_camera = drift.TransformPose(est[i].world_from_camera);
+  const auto result = EvaluateLoop(Moved(kMove, est), gt);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_NEAR(result->align_error_m, 0.5, 1e-8);
+  EXPECT_EQ(result->start_poses, 40);
+  EXPECT_EQ(result->end_poses, 40);
+  EXPECT_NEAR(result->scale_drift, 1.0, 1e-9);
+
+  // The same without the empty rows: the gap tells.
+  io::Trajectory dense = gt;
+  dense.num_rows = 80;
+  for (int i = 0; i < 80; ++i) dense.rows[i] = i;
+  EXPECT_NEAR(EvaluateLoop(est, dense)->align_error_m, 0.5, 1e-8);
+
+  // Three keyframes in a segment are too few.
+  est.resize(163);
+  EXPECT_EQ(EvaluateLoop(est, gt).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_FALSE(EvaluateLoop({}, gt).ok());
+  EXPECT_FALSE(EvaluateLoop(est, {}).ok());
+}
+
+TEST(Localization, SharesOfAllQueries) {
+  const auto reference = Path(10);
+  std::vector<LocalizationAnswer> answers;
+  for (const auto& p : reference) answers.push_back({p.time_ns, p.world_from_camera});
+  answers[0].world_from_camera->translation().x() += 0.04;
+  answers[1].world_from_camera->translation().x() += 0.1;
+  answers[2].world_from_camera->translation().x() += 0.3;
+  answers[3].world_from_camera =
+      SE3(ExpSO3({0, 0.3, 0}) * answers[3].world_from_camera->rotation(), answers[3].world_from_camera->translation());
+  answers[4].world_from_camera.reset();
+  answers[5].world_from_camera->translation().y() = kNan;
+  answers.push_back({reference[9].time_ns + FromSeconds(1), SE3()});
+  const auto all = EvaluateLocalization(answers, reference);
+  ASSERT_TRUE(all.ok()) << all.status();
+  EXPECT_EQ(all->queries, 10);
+  EXPECT_EQ(all->without_reference, 1);
+  EXPECT_EQ(all->answered, 9);
+  EXPECT_EQ(all->within, 5);
+  EXPECT_EQ(all->wrong, 3);
+  EXPECT_DOUBLE_EQ(all->within_share, 0.5);
+  EXPECT_DOUBLE_EQ(all->wrong_share, 0.3);
+  EXPECT_EQ(all->per_query[1].verdict, LocalizationVerdict::kInaccurate);
+  EXPECT_EQ(all->per_query[4].verdict, LocalizationVerdict::kMiss);
+
+  const std::vector<TimeNs> covered = {reference[4].time_ns, reference[0].time_ns + 1000};
+  const auto some = EvaluateLocalization(answers, reference, covered);
+  EXPECT_EQ(some->queries, 2);
+  EXPECT_EQ(some->within, 1);
+  EXPECT_EQ(EvaluateLocalization(answers, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_FALSE(EvaluateLocalization(answers, reference, {}, {.within_m = 1.0}).ok());
+}
+
+TEST(Localization, TimesFile) {
+  const std::string path = testing::TempDir() + "/cairn_times_" + std::to_string(::getpid()) + ".txt";
+  std::ofstream(path) << "# covered\n20.000000\n\n20.066667 more\n";
+  const auto times = ReadTimesFile(path);
+  ASSERT_TRUE(times.ok()) << times.status();
+  EXPECT_EQ(*times, (std::vector<TimeNs>{20000000000, 20066667000}));
+  std::ofstream(path) << "20.0\nabc\n";
+  EXPECT_NE(ReadTimesFile(path).status().message().find("line 2"), std::string::npos);
+  std::filesystem::remove(path);
+  EXPECT_FALSE(ReadTimesFile(path).ok());
+}
+
+}  // namespace
+}  // namespace cairn::eval
