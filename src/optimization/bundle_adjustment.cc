@@ -1,0 +1,209 @@
+#include "optimization/bundle_adjustment.h"
+
+#include <ceres/loss_function.h>
+#include <ceres/problem.h>
+#include <ceres/solver.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <deque>
+#include <memory>
+
+#include "optimization/ceres_costs.h"
+
+namespace cairn::optimization {
+namespace {
+
+using internal::PoseFromBlock;
+using internal::PoseToBlock;
+
+absl::Status Invalid(const std::string& what) { return absl::InvalidArgumentError("bundle adjustment: " + what); }
+
+absl::Status Check(const BundleProblem& problem) {
+  bool anchored = false, free = !problem.points.empty();
+  for (std::size_t i = 0; i < problem.poses.size(); ++i) {
+    const BundlePose& pose = problem.poses[i];
+    if (pose.camera >= problem.cameras.size()) return Invalid(absl::StrCat("pose ", i, " has no camera"));
+    if (!pose.camera_from_map.Matrix().allFinite()) return Invalid(absl::StrCat("pose ", i, " is not finite"));
+    anchored |= pose.fixed;
+    free |= !pose.fixed;
+  }
+  for (std::size_t i = 0; i < problem.points.size(); ++i) {
+    if (!problem.points[i].allFinite()) return Invalid(absl::StrCat("point ", i, " is not finite"));
+  }
+  for (std::size_t i = 0; i < problem.observations.size(); ++i) {
+    const BundleObservation& o = problem.observations[i];
+    if (o.pose >= problem.poses.size() || o.point >= problem.points.size()) {
+      return Invalid(absl::StrCat("observation ", i, " refers to a pose or point that does not exist"));
+    }
+    if (!o.pixel.allFinite() || !(o.sigma_px > 0.0) || !std::isfinite(o.sigma_px)) {
+      return Invalid(absl::StrCat("observation ", i, " is not finite or its sigma_px is not positive"));
+    }
+  }
+  for (std::size_t i = 0; i < problem.priors.size(); ++i) {
+    const BundlePrior& prior = problem.priors[i];
+    if (prior.pose >= problem.poses.size()) return Invalid(absl::StrCat("prior ", i, " refers to no pose"));
+    if (!prior.camera_from_map.Matrix().allFinite() || !(prior.position_sigma > 0.0) ||
+        !(prior.rotation_sigma_rad > 0.0)) {
+      return Invalid(absl::StrCat("prior ", i, " is not finite or a sigma is not positive"));
+    }
+    anchored = true;
+  }
+  if (!free) return absl::FailedPreconditionError("bundle adjustment: nothing to adjust");
+  if (!anchored) return absl::FailedPreconditionError("bundle adjustment: no pose is fixed or has a prior");
+  return absl::OkStatus();
+}
+
+class Adjuster {
+ public:
+  Adjuster(const BundleProblem& problem, const BundleAdjustmentOptions& options)
+      : problem_(problem), options_(options), points_(problem.points), inlier_(problem.observations.size(), 1) {
+    poses_.resize(problem.poses.size());
+    for (std::size_t i = 0; i < poses_.size(); ++i) PoseToBlock(problem.poses[i].camera_from_map, poses_[i].data());
+  }
+
+  absl::StatusOr<BundleResult> Run() {
+    BundleResult result;
+    // A point behind a camera has no residual to start from.
+    for (std::size_t i = 0; i < inlier_.size(); ++i) inlier_[i] = std::isfinite(ChiSquare(i)) ? 1 : 0;
+    DropLonePoints();
+    CAIRN_RETURN_IF_ERROR(Round(true, options_.first_iterations, &result));
+    Classify();
+    if (options_.second_iterations > 0) {
+      DropLonePoints();
+      CAIRN_RETURN_IF_ERROR(Round(false, options_.second_iterations, &result));
+      Classify();
+    }
+    double chi2 = 0.0;
+    for (std::size_t i = 0; i < inlier_.size(); ++i) {
+      if (!inlier_[i]) continue;
+      ++result.num_inliers;
+      chi2 += ChiSquare(i);
+    }
+    result.final_cost = 0.5 * chi2;
+    if (result.num_inliers > 0) result.inlier_rmse = std::sqrt(chi2 / result.num_inliers);
+    for (const auto& pose : poses_) result.camera_from_map.push_back(PoseFromBlock(pose.data()));
+    result.points = std::move(points_);
+    result.inlier = std::move(inlier_);
+    return result;
+  }
+
+ private:
+  // Of the whitened residual; infinite behind the camera.
+  double ChiSquare(std::size_t index) const {
+    const BundleObservation& o = problem_.observations[index];
+    const Vector3d point_c = PoseFromBlock(poses_[o.pose].data()) * points_[o.point];
+    if (!InFront(point_c)) return std::numeric_limits<double>::infinity();
+    const Pinhole& pinhole = problem_.cameras[problem_.poses[o.pose].camera];
+    return ReprojectionResidual(pinhole, point_c, o.pixel).squaredNorm() / (o.sigma_px * o.sigma_px);
+  }
+
+  void Classify() {
+    for (std::size_t i = 0; i < inlier_.size(); ++i) inlier_[i] = ChiSquare(i) <= options_.chi2_threshold ? 1 : 0;
+  }
+
+  // One ray does not make a point: such observations take no part in the next round.
+  void DropLonePoints() {
+    std::vector<int> count(points_.size(), 0);
+    for (std::size_t i = 0; i < inlier_.size(); ++i) count[problem_.observations[i].point] += inlier_[i];
+    for (std::size_t i = 0; i < inlier_.size(); ++i) {
+      if (count[problem_.observations[i].point] < 2) inlier_[i] = 0;
+    }
+  }
+
+  absl::Status Round(bool robust, int iterations, BundleResult* result) {
+    ceres::Problem::Options ownership;
+    ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    ownership.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    ownership.disable_all_safety_checks = true;
+    ceres::Problem problem(ownership);
+    internal::LeftIncrementManifold manifold;
+    ceres::HuberLoss huber(options_.huber_threshold);
+    std::deque<internal::ReprojectionCost> costs;
+    std::deque<internal::PosePriorCost> priors;
+
+    std::vector<std::uint8_t> pose_used(poses_.size(), 0), point_used(points_.size(), 0);
+    for (std::size_t i = 0; i < inlier_.size(); ++i) {
+      const BundleObservation& o = problem_.observations[i];
+      if (!inlier_[i]) continue;
+      pose_used[o.pose] = point_used[o.point] = 1;
+    }
+    for (const BundlePrior& prior : problem_.priors) pose_used[prior.pose] = 1;
+    auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+    int free_poses = 0;
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (!point_used[i]) continue;
+      problem.AddParameterBlock(points_[i].data(), 3);
+      ordering->AddElementToGroup(points_[i].data(), 0);
+    }
+    for (std::size_t i = 0; i < poses_.size(); ++i) {
+      if (!pose_used[i]) continue;
+      problem.AddParameterBlock(poses_[i].data(), 7, &manifold);
+      ordering->AddElementToGroup(poses_[i].data(), 1);
+      if (problem_.poses[i].fixed) {
+        problem.SetParameterBlockConstant(poses_[i].data());
+      } else {
+        ++free_poses;
+      }
+    }
+    for (std::size_t i = 0; i < inlier_.size(); ++i) {
+      const BundleObservation& o = problem_.observations[i];
+      if (!inlier_[i]) continue;
+      const Pinhole& pinhole = problem_.cameras[problem_.poses[o.pose].camera];
+      costs.emplace_back(pinhole, o.pixel, o.sigma_px);
+      problem.AddResidualBlock(&costs.back(), robust ? &huber : nullptr, poses_[o.pose].data(),
+                               points_[o.point].data());
+    }
+    for (const BundlePrior& prior : problem_.priors) {
+      priors.emplace_back(prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad);
+      problem.AddResidualBlock(&priors.back(), nullptr, poses_[prior.pose].data());
+    }
+    if (problem.NumResidualBlocks() == 0) return absl::OkStatus();
+
+    ceres::Solver::Options solver;
+    solver.linear_solver_type = free_poses <= options_.max_dense_poses ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+    solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
+    solver.linear_solver_ordering = ordering;
+    solver.max_num_iterations = iterations;
+    solver.function_tolerance = options_.function_tolerance;
+    solver.num_threads = 1;
+    solver.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver, &problem, &summary);
+    if (!summary.IsSolutionUsable()) {
+      return absl::InternalError("bundle adjustment: the solver failed: " + summary.message);
+    }
+    if (robust) result->initial_cost = summary.initial_cost;
+    // Iteration 0 is the evaluation of the start.
+    result->iterations += std::max(0, summary.num_successful_steps - 1);
+    return absl::OkStatus();
+  }
+
+  const BundleProblem& problem_;
+  const BundleAdjustmentOptions& options_;
+  std::vector<std::array<double, 7>> poses_;
+  std::vector<Vector3d> points_;
+  std::vector<std::uint8_t> inlier_;
+};
+
+}  // namespace
+
+absl::Status BundleAdjustmentOptions::Validate() const {
+  if (first_iterations < 1) return Invalid("first_iterations must be at least 1");
+  if (second_iterations < 0) return Invalid("second_iterations must not be negative");
+  if (!(chi2_threshold > 0.0)) return Invalid("chi2_threshold must be positive");
+  if (!(huber_threshold > 0.0)) return Invalid("huber_threshold must be positive");
+  if (max_dense_poses < 0) return Invalid("max_dense_poses must not be negative");
+  if (!(function_tolerance > 0.0)) return Invalid("function_tolerance must be positive");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<BundleResult> AdjustBundle(const BundleProblem& problem, const BundleAdjustmentOptions& options) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  CAIRN_RETURN_IF_ERROR(Check(problem));
+  return Adjuster(problem, options).Run();
+}
+
+}  // namespace cairn::optimization

@@ -1,0 +1,76 @@
+// Bundle adjustment: poses and points that minimize the reprojection error of all observations (eq. "reproj_error",
+// Sec. V-C of Lee and Civera, "Loosely-Coupled Semi-Direct Monocular SLAM"; Triggs et al., "Bundle adjustment - a
+// modern synthesis", 2000). Knows nothing of maps: flat arrays in, flat arrays out.
+//
+// Levenberg-Marquardt with Schur complement in Ceres on one thread, derivatives by hand (optimization/reprojection.h),
+// left increments of camera_from_map, in two rounds: with Huber's loss first; then observations beyond the chi-square
+// threshold, or behind their camera, are dropped and the rest is adjusted without it.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "base/status.h"
+#include "geometry/pinhole.h"
+#include "geometry/se3.h"
+#include "optimization/reprojection.h"
+
+namespace cairn::optimization {
+
+struct BundlePose {
+  SE3 camera_from_map;
+  std::uint32_t camera = 0;  // index into BundleProblem::cameras
+  bool fixed = false;
+};
+
+struct BundleObservation {
+  std::uint32_t pose = 0;
+  std::uint32_t point = 0;
+  Vector2d pixel = Vector2d::Zero();
+  double sigma_px = 1.0;  // scale_factor^octave
+};
+
+// What is known of a pose besides the observations.
+struct BundlePrior {
+  std::uint32_t pose = 0;
+  SE3 camera_from_map;
+  double position_sigma = 0.0;      // of the camera's centre, per axis, in map units
+  double rotation_sigma_rad = 0.0;  // per axis
+};
+
+struct BundleProblem {
+  std::vector<Pinhole> cameras;
+  std::vector<BundlePose> poses;
+  std::vector<Vector3d> points;  // in the map frame; points with fewer than two observations stay as they are
+  std::vector<BundleObservation> observations;
+  std::vector<BundlePrior> priors;
+};
+
+struct BundleAdjustmentOptions {
+  int first_iterations = 5;                   // with Huber's loss
+  int second_iterations = 10;                 // without, on the inliers; 0: one round only
+  double chi2_threshold = kChiSquarePixel95;  // of a whitened residual: inlier up to here
+  double huber_threshold = 2.4477;            // sqrt(5.991), whitened
+  int max_dense_poses = 60;                   // free poses up to which the reduced system is solved as a dense one
+  double function_tolerance = 1e-5;           // a round ends when the cost falls by less than this share
+
+  absl::Status Validate() const;
+};
+
+struct BundleResult {
+  std::vector<SE3> camera_from_map;  // per pose
+  std::vector<Vector3d> points;
+  std::vector<std::uint8_t> inlier;  // per observation, 1 or 0
+  int num_inliers = 0;
+  double initial_cost = 0.0;  // half the sum of squared whitened residuals under Huber's loss
+  double final_cost = 0.0;    // half the sum of squared whitened residuals of the inliers
+  double inlier_rmse = 0.0;   // root mean square of the inliers' whitened residuals, both directions together
+  int iterations = 0;         // successful steps of both rounds
+};
+
+// InvalidArgument: bad options, indices out of range, values that are not finite, sigmas that are not positive.
+// FailedPrecondition: no pose is fixed or has a prior (the problem would float), or nothing is free.
+// Internal: the solver failed.
+absl::StatusOr<BundleResult> AdjustBundle(const BundleProblem& problem, const BundleAdjustmentOptions& options = {});
+
+}  // namespace cairn::optimization
