@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <numbers>
 #include <opencv2/features2d.hpp>
 
@@ -52,6 +53,37 @@ int CountSpread(const std::vector<Corner>& corners, double radius, cv::Size size
     if (++count >= stop_at) break;
   }
   return count;
+}
+
+// The least contrast along the best arc of 9 of the 16 pixels around (x, y): one above the largest FAST threshold at
+// which it is a corner; negative contrasts tell how far from one it is.
+int CornerScore(const cv::Mat& level, int x, int y) {
+  // The circle of radius 3 in order.
+  static constexpr std::array<int, 16> kX = {0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1};
+  static constexpr std::array<int, 16> kY = {3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1, 0, 1, 2, 3};
+  const std::uint8_t* centre = level.ptr<std::uint8_t>(y) + x;
+  const auto stride = static_cast<std::ptrdiff_t>(level.step[0]);
+  // Least and largest difference over arcs of 1, 2, 4, 8 and at last 9, each array long enough for the next.
+  std::array<std::int16_t, 32> low;
+  for (int i = 0; i < 16; ++i) {
+    low[i] = static_cast<std::int16_t>(centre[0] - centre[kY[i] * stride + kX[i]]);
+    low[i + 16] = low[i];
+  }
+  std::array<std::int16_t, 32> high = low;
+  const std::array<std::int16_t, 32> difference = low;
+  for (const int step : {1, 2, 4}) {
+    for (int i = 0; i < 24; ++i) {
+      low[i] = std::min(low[i], low[i + step]);
+      high[i] = std::max(high[i], high[i + step]);
+    }
+  }
+  int best = -255;
+  for (int i = 0; i < 16; ++i) {
+    const int darker = std::min(low[i], difference[i + 8]);
+    const int brighter = -std::max(high[i], difference[i + 8]);
+    best = std::max(best, std::max(darker, brighter));
+  }
+  return best;
 }
 
 }  // namespace
@@ -117,32 +149,16 @@ std::vector<Corner> SpreadCorners(std::vector<Corner> corners, int count, cv::Si
 }
 
 cv::Point2f RefineCorner(const cv::Mat& level, const Corner& corner) {
-  constexpr int kRadius = 3;
-  static constexpr std::array<float, kRadius + 1> kWeight = {1.0f, 0.8007f, 0.4111f, 0.1353f};  // sigma 1.5 px
-  float xx = 0.0f, xy = 0.0f, yy = 0.0f, bx = 0.0f, by = 0.0f;
-  for (int v = -kRadius; v <= kRadius; ++v) {
-    const std::uint8_t* above = level.ptr<std::uint8_t>(corner.y + v - 1) + corner.x;
-    const std::uint8_t* here = level.ptr<std::uint8_t>(corner.y + v) + corner.x;
-    const std::uint8_t* below = level.ptr<std::uint8_t>(corner.y + v + 1) + corner.x;
-    for (int u = -kRadius; u <= kRadius; ++u) {
-      const float gx = static_cast<float>(here[u + 1] - here[u - 1]);
-      const float gy = static_cast<float>(below[u] - above[u]);
-      const float weight = kWeight[std::abs(u)] * kWeight[std::abs(v)];
-      xx += weight * gx * gx;
-      xy += weight * gx * gy;
-      yy += weight * gy * gy;
-      const float along = weight * (gx * u + gy * v);
-      bx += along * gx;
-      by += along * gy;
-    }
-  }
-  const cv::Point2f centre(corner.x, corner.y);
-  const float determinant = xx * yy - xy * xy;
-  const float trace = xx + yy;
-  if (!(determinant > 0.02f * trace * trace)) return centre;
-  const cv::Point2f offset((yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant);
-  if (std::abs(offset.x) > 1.0f || std::abs(offset.y) > 1.0f) return centre;
-  return centre + offset;
+  const int centre = CornerScore(level, corner.x, corner.y);
+  const auto offset = [centre](int before, int after) {
+    const int curvature = before - 2 * centre + after;
+    if (curvature >= 0) return 0.0f;
+    return std::clamp(0.5f * static_cast<float>(before - after) / static_cast<float>(curvature), -0.5f, 0.5f);
+  };
+  return {static_cast<float>(corner.x) +
+              offset(CornerScore(level, corner.x - 1, corner.y), CornerScore(level, corner.x + 1, corner.y)),
+          static_cast<float>(corner.y) +
+              offset(CornerScore(level, corner.x, corner.y - 1), CornerScore(level, corner.x, corner.y + 1))};
 }
 
 float Orientation(const cv::Mat& level, const Corner& corner) {

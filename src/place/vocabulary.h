@@ -3,6 +3,7 @@
 // recognition with a vocabulary tree", CVPR 2006). An image becomes a sparse vector of tf-idf weights.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -49,6 +50,9 @@ struct BagOfWords {
 class Vocabulary {
  public:
   static constexpr int kDefaultDirectLevel = 2;
+  static constexpr int kMaxBranching = 255;
+  static constexpr int kMaxDepth = 16;
+  static constexpr std::size_t kMaxNodes = std::size_t{1} << 26;
 
   // One node of the tree while it is put together: children follow their parent, siblings in their final order.
   struct Node {
@@ -73,7 +77,7 @@ class Vocabulary {
   int depth() const { return depth_; }
   std::size_t num_words() const { return weight_.size(); }
   std::size_t num_nodes() const { return first_child_.size(); }
-  // xxHash64 of the serialised form: names the content, equal on every machine.
+  // xxHash64 of the serialised content: names the content, equal on every machine.
   std::uint64_t hash() const { return hash_; }
   float weight(WordId word) const { return weight_[word]; }
 
@@ -92,9 +96,11 @@ class Vocabulary {
 
  private:
   Vocabulary() = default;
-  // Fills what follows from child_count_; DataLoss if the counts do not make a tree of these many nodes and words.
+  // Fills what follows from child_count_ and weight_, and the hash. DataLoss if the counts do not make a tree of these
+  // many nodes and words, InvalidArgument for a bad weight.
   absl::Status Index();
   std::string SerializeWithoutChecksum() const;
+  static std::uint64_t HashOf(std::string_view bytes);
 
   int branching_ = 0;
   int depth_ = 0;

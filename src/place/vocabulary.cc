@@ -1,0 +1,164 @@
+#include "place/vocabulary.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "image/hamming.h"
+
+namespace cairn::place {
+
+double Score(const BowVector& a, const BowVector& b) {
+  double score = 0.0;
+  auto i = a.begin();
+  auto j = b.begin();
+  while (i != a.end() && j != b.end()) {
+    if (i->word < j->word) {
+      ++i;
+    } else if (j->word < i->word) {
+      ++j;
+    } else {
+      score += std::min(i->weight, j->weight);
+      ++i;
+      ++j;
+    }
+  }
+  return score;
+}
+
+absl::StatusOr<Vocabulary> Vocabulary::FromNodes(std::span<const Node> nodes, int branching, int depth) {
+  if (branching < 2 || branching > kMaxBranching) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("a vocabulary's branching must be between 2 and ", kMaxBranching, ", not ", branching));
+  }
+  if (depth < 1 || depth > kMaxDepth) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("a vocabulary's depth must be between 1 and ", kMaxDepth, ", not ", depth));
+  }
+  if (nodes.size() < 2 || nodes.size() > kMaxNodes) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("a vocabulary needs between 2 and ", kMaxNodes, " nodes, not ", nodes.size()));
+  }
+  // The children of node i are children[begin[i]] .. children[begin[i + 1] - 1].
+  std::vector<std::uint32_t> begin(nodes.size() + 1, 0);
+  std::vector<int> level(nodes.size(), 0);
+  for (std::size_t i = 1; i < nodes.size(); ++i) {
+    if (nodes[i].parent >= i) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("vocabulary node ", i, " names the parent ", nodes[i].parent, ", which is not an earlier node"));
+    }
+    level[i] = level[nodes[i].parent] + 1;
+    if (level[i] > depth) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("vocabulary node ", i, " is at level ", level[i], ", below the depth ", depth));
+    }
+    if (++begin[nodes[i].parent + 1] > static_cast<std::uint32_t>(branching)) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("vocabulary node ", nodes[i].parent, " has more than ", branching, " children"));
+    }
+  }
+  for (std::size_t i = 1; i < begin.size(); ++i) begin[i] += begin[i - 1];
+  std::vector<std::uint32_t> next(begin.begin(), begin.end() - 1);
+  std::vector<std::uint32_t> children(nodes.size() - 1);
+  for (std::uint32_t i = 1; i < nodes.size(); ++i) children[next[nodes[i].parent]++] = i;
+
+  Vocabulary vocabulary;
+  vocabulary.branching_ = branching;
+  vocabulary.depth_ = depth;
+  std::vector<std::uint32_t> order = {0};
+  order.reserve(nodes.size());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const std::uint32_t node = order[i];
+    const std::uint32_t count = begin[node + 1] - begin[node];
+    vocabulary.child_count_.push_back(static_cast<std::uint8_t>(count));
+    vocabulary.descriptor_.push_back(node == 0 ? image::Descriptor{} : nodes[node].descriptor);
+    for (std::uint32_t j = begin[node]; j < begin[node + 1]; ++j) order.push_back(children[j]);
+    if (count == 0) vocabulary.weight_.push_back(nodes[node].weight);
+  }
+  CAIRN_RETURN_IF_ERROR(vocabulary.Index());
+  return vocabulary;
+}
+
+absl::Status Vocabulary::Index() {
+  const std::size_t count = child_count_.size();
+  first_child_.assign(count, 0);
+  word_of_node_.assign(count, 0);
+  std::vector<std::uint8_t> level(count, 0);
+  std::size_t next = 1;
+  WordId words = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (i >= next) return absl::DataLossError(absl::StrCat("node ", i, " of the vocabulary has no parent"));
+    if (child_count_[i] > branching_ || level[i] > depth_) {
+      return absl::DataLossError(absl::StrCat("node ", i, " of the vocabulary does not fit a tree of branching ",
+                                              branching_, " and depth ", depth_));
+    }
+    first_child_[i] = static_cast<NodeId>(next);
+    next += child_count_[i];
+    if (next > count) return absl::DataLossError(absl::StrCat("the children of vocabulary node ", i, " are missing"));
+    std::fill(level.begin() + first_child_[i], level.begin() + static_cast<std::ptrdiff_t>(next),
+              static_cast<std::uint8_t>(level[i] + 1));
+    if (child_count_[i] == 0) word_of_node_[i] = words++;
+  }
+  if (words != weight_.size()) {
+    return absl::DataLossError(
+        absl::StrCat("the vocabulary has ", words, " leaves but ", weight_.size(), " word weights"));
+  }
+  for (std::size_t word = 0; word < weight_.size(); ++word) {
+    if (!std::isfinite(weight_[word]) || weight_[word] < 0.0f) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("the weight of vocabulary word ", word, " is ", weight_[word], "; it must be 0 or more"));
+    }
+  }
+  hash_ = HashOf(SerializeWithoutChecksum());
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Vocabulary> Vocabulary::WithWeights(std::vector<float> weights) const {
+  Vocabulary result = *this;
+  result.weight_ = std::move(weights);
+  CAIRN_RETURN_IF_ERROR(result.Index());
+  return result;
+}
+
+WordId Vocabulary::Lookup(const image::Descriptor& descriptor, int level, NodeId* node_at_level) const {
+  std::array<std::uint16_t, kMaxBranching> distances;
+  NodeId node = 0;
+  if (node_at_level) *node_at_level = 0;
+  for (int current = 1; child_count_[node] > 0; ++current) {
+    const NodeId first = first_child_[node];
+    const std::size_t count = child_count_[node];
+    image::HammingDistances(descriptor, &descriptor_[first], count, distances.data());
+    node = first + static_cast<NodeId>(std::min_element(distances.data(), distances.data() + count) - distances.data());
+    if (node_at_level && current <= level) *node_at_level = node;
+  }
+  return word_of_node_[node];
+}
+
+BagOfWords Vocabulary::Transform(std::span<const image::Descriptor> descriptors, int direct_level) const {
+  BagOfWords bag;
+  bag.direct.reserve(descriptors.size());
+  std::vector<WordId> words;
+  words.reserve(descriptors.size());
+  for (std::uint32_t i = 0; i < descriptors.size(); ++i) {
+    NodeId node = 0;
+    const WordId word = Lookup(descriptors[i], direct_level, &node);
+    bag.direct.push_back({node, i});
+    if (weight_[word] > 0.0f) words.push_back(word);
+  }
+  std::sort(bag.direct.begin(), bag.direct.end());
+  std::sort(words.begin(), words.end());
+  double sum = 0.0;
+  for (std::size_t begin = 0; begin < words.size();) {
+    std::size_t end = begin;
+    while (end < words.size() && words[end] == words[begin]) ++end;
+    const double weight = static_cast<double>(end - begin) * weight_[words[begin]];
+    bag.words.push_back({words[begin], static_cast<float>(weight)});
+    sum += weight;
+    begin = end;
+  }
+  for (WeightedWord& word : bag.words) word.weight = static_cast<float>(word.weight / sum);
+  return bag;
+}
+
+}  // namespace cairn::place

@@ -1,0 +1,161 @@
+// The binary form of a vocabulary. All numbers little endian:
+//   8 bytes   "CAIRNVOC"
+//   5 x u32   version, branching, depth, number of nodes n, number of words w
+//   n x u8    children of each node, breadth first
+//   (n-1) x 32 bytes   descriptors of the nodes but the root, same order
+//   w x f32   word weights (idf), leaves in the same order
+//   u64       xxHash64 (seed 0) of everything before
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <bit>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <string>
+#include <system_error>
+#include <type_traits>
+#include <utility>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "place/vocabulary.h"
+
+namespace cairn::place {
+namespace {
+
+constexpr std::string_view kMagic = "CAIRNVOC";
+constexpr std::uint32_t kVersion = 1;
+constexpr std::size_t kHeaderSize = 8 + 5 * 4;
+constexpr std::size_t kChecksumSize = 8;
+
+template <class T>
+void Put(std::string* out, T value) {
+  static_assert(std::is_unsigned_v<T>);
+  for (std::size_t i = 0; i < sizeof(T); ++i) out->push_back(static_cast<char>((value >> (8 * i)) & 0xFF));
+}
+
+template <class T>
+T Get(std::string_view bytes, std::size_t offset) {
+  static_assert(std::is_unsigned_v<T>);
+  T value = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i) {
+    value |= static_cast<T>(static_cast<T>(static_cast<unsigned char>(bytes[offset + i])) << (8 * i));
+  }
+  return value;
+}
+
+std::string ErrnoText() { return std::generic_category().message(errno); }
+
+absl::Status WriteAll(int file, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(file, bytes.data(), bytes.size());
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return absl::UnavailableError(ErrnoText());
+    bytes.remove_prefix(static_cast<std::size_t>(written));
+  }
+  if (::fsync(file) != 0) return absl::UnavailableError(ErrnoText());
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+std::uint64_t Vocabulary::HashOf(std::string_view bytes) { return XXH64(bytes.data(), bytes.size(), 0); }
+
+std::string Vocabulary::SerializeWithoutChecksum() const {
+  std::string out;
+  out.reserve(kHeaderSize + child_count_.size() * 33 + weight_.size() * 4 + kChecksumSize);
+  out.append(kMagic);
+  Put(&out, kVersion);
+  Put(&out, static_cast<std::uint32_t>(branching_));
+  Put(&out, static_cast<std::uint32_t>(depth_));
+  Put(&out, static_cast<std::uint32_t>(child_count_.size()));
+  Put(&out, static_cast<std::uint32_t>(weight_.size()));
+  for (const std::uint8_t count : child_count_) Put(&out, count);
+  for (std::size_t i = 1; i < descriptor_.size(); ++i) {
+    for (const std::uint64_t word : descriptor_[i]) Put(&out, word);
+  }
+  for (const float weight : weight_) Put(&out, std::bit_cast<std::uint32_t>(weight));
+  return out;
+}
+
+std::string Vocabulary::Serialize() const {
+  std::string out = SerializeWithoutChecksum();
+  Put(&out, hash_);
+  return out;
+}
+
+absl::StatusOr<Vocabulary> Vocabulary::Parse(std::string_view bytes) {
+  if (bytes.substr(0, kMagic.size()) != kMagic.substr(0, bytes.size()) || bytes.empty()) {
+    return absl::InvalidArgumentError(
+        "this is not a Cairn vocabulary (it does not start with CAIRNVOC); a DBoW2 text file must be imported first");
+  }
+  if (bytes.size() < kHeaderSize + kChecksumSize) {
+    return absl::DataLossError(absl::StrCat("the vocabulary is truncated: only ", bytes.size(), " bytes"));
+  }
+  const auto version = Get<std::uint32_t>(bytes, 8);
+  if (version != kVersion) {
+    return absl::FailedPreconditionError(absl::StrCat("the vocabulary has format version ", version,
+                                                      "; this program reads version ", kVersion,
+                                                      (version > kVersion ? "; use a newer Cairn" : "")));
+  }
+  const std::uint64_t nodes = Get<std::uint32_t>(bytes, 20);
+  const std::uint64_t words = Get<std::uint32_t>(bytes, 24);
+  const std::uint64_t expected = kHeaderSize + nodes + (nodes - 1) * 32 + words * 4 + kChecksumSize;
+  if (nodes < 2 || nodes > kMaxNodes || words >= nodes || bytes.size() != expected) {
+    return absl::DataLossError(absl::StrCat("the vocabulary is truncated or damaged: it has ", bytes.size(),
+                                            " bytes, but its header announces ", nodes, " nodes and ", words,
+                                            " words"));
+  }
+  const std::string_view content = bytes.substr(0, bytes.size() - kChecksumSize);
+  if (Get<std::uint64_t>(bytes, content.size()) != HashOf(content)) {
+    return absl::DataLossError("the vocabulary is damaged: its checksum does not fit its content");
+  }
+  Vocabulary vocabulary;
+  vocabulary.branching_ = static_cast<int>(Get<std::uint32_t>(bytes, 12));
+  vocabulary.depth_ = static_cast<int>(Get<std::uint32_t>(bytes, 16));
+  if (vocabulary.branching_ < 2 || vocabulary.branching_ > kMaxBranching || vocabulary.depth_ < 1 ||
+      vocabulary.depth_ > kMaxDepth) {
+    return absl::DataLossError(
+        absl::StrCat("the vocabulary is damaged: branching ", vocabulary.branching_, ", depth ", vocabulary.depth_));
+  }
+  std::size_t offset = kHeaderSize;
+  for (std::uint64_t i = 0; i < nodes; ++i) vocabulary.child_count_.push_back(Get<std::uint8_t>(bytes, offset++));
+  vocabulary.descriptor_.resize(nodes);
+  for (std::uint64_t i = 1; i < nodes; ++i) {
+    for (std::uint64_t& word : vocabulary.descriptor_[i]) {
+      word = Get<std::uint64_t>(bytes, offset);
+      offset += 8;
+    }
+  }
+  for (std::uint64_t i = 0; i < words; ++i, offset += 4) {
+    vocabulary.weight_.push_back(std::bit_cast<float>(Get<std::uint32_t>(bytes, offset)));
+  }
+  CAIRN_RETURN_IF_ERROR(vocabulary.Index());
+  return vocabulary;
+}
+
+absl::Status Vocabulary::Save(const std::string& path) const {
+  const std::string temporary = absl::StrCat(path, ".", ::getpid(), ".tmp");
+  const int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  if (file < 0) return absl::UnavailableError(absl::StrCat("cannot write ", temporary, ": ", ErrnoText()));
+  absl::Status status = WriteAll(file, Serialize());
+  if (::close(file) != 0 && status.ok()) status = absl::UnavailableError(ErrnoText());
+  if (status.ok() && ::rename(temporary.c_str(), path.c_str()) != 0) status = absl::UnavailableError(ErrnoText());
+  if (!status.ok()) ::unlink(temporary.c_str());
+  return Annotate(status, absl::StrCat("writing the vocabulary ", path));
+}
+
+absl::StatusOr<Vocabulary> Vocabulary::Load(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) return absl::NotFoundError(absl::StrCat("cannot open the vocabulary ", path, ": ", ErrnoText()));
+  std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  if (in.bad()) return absl::UnavailableError(absl::StrCat("cannot read the vocabulary ", path));
+  absl::StatusOr<Vocabulary> vocabulary = Parse(bytes);
+  if (!vocabulary.ok()) return Annotate(vocabulary.status(), path);
+  return vocabulary;
+}
+
+}  // namespace cairn::place
