@@ -9,10 +9,12 @@
 
 namespace cairn {
 
-// The same status with `context` in front of its message ("reading kitchen.cairn: ...").
+// The same status, payloads included, with `context` in front of its message ("reading kitchen.cairn: ...").
 inline absl::Status Annotate(const absl::Status& status, absl::string_view context) {
   if (status.ok()) return status;
-  return absl::Status(status.code(), absl::StrCat(context, ": ", status.message()));
+  absl::Status annotated(status.code(), absl::StrCat(context, ": ", status.message()));
+  status.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) { annotated.SetPayload(url, payload); });
+  return annotated;
 }
 
 }  // namespace cairn

@@ -1,0 +1,54 @@
+// The single writer of a map: applies each Delta to the map in memory, commits it to the file, and publishes the new
+// Snapshot. The file appears with the first keyframe, so that a run that maps nothing leaves nothing behind (and an
+// older map that was to be overwritten stays).
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/status.h"
+#include "map/snapshot.h"
+#include "store/map_file.h"
+
+namespace cairn::engine {
+
+class MapWriter {
+ public:
+  struct CreateOptions {
+    bool overwrite = false;
+    std::string vocabulary;         // serialised, stored with the map
+    bool record_wall_clock = true;  // in the log of changes; off in deterministic runs
+  };
+  // A new map at `path`. AlreadyExists if there is a file and overwriting was not asked for; checked now, and when the
+  // file is made.
+  static absl::StatusOr<std::unique_ptr<MapWriter>> Create(const std::string& path, map::MapInfo info,
+                                                           CreateOptions options);
+  // An existing map, to be changed further.
+  static absl::StatusOr<std::unique_ptr<MapWriter>> Open(const std::string& path);
+
+  // One call at a time. The map in memory, the file and the published snapshot change together or not at all.
+  absl::StatusOr<std::shared_ptr<const map::Snapshot>> Commit(const map::Delta& delta);
+
+  // The newest revision; from any thread.
+  std::shared_ptr<const map::Snapshot> Current() const;
+
+  bool file_exists() const { return file_ != nullptr; }
+  const std::string& path() const { return path_; }
+
+ private:
+  MapWriter() = default;
+  absl::Status CreateFile();
+
+  std::string path_;
+  CreateOptions options_;
+  std::unique_ptr<store::MapFile> file_;
+  std::shared_ptr<const map::Snapshot> initial_;
+  std::vector<map::Delta> waiting_;  // for the file
+  mutable std::mutex mutex_;         // guards current_
+  std::shared_ptr<const map::Snapshot> current_;
+};
+
+}  // namespace cairn::engine

@@ -1,0 +1,38 @@
+#include "engine/posed_session.h"
+
+namespace cairn::engine {
+
+absl::StatusOr<std::unique_ptr<PosedSession>> PosedSession::Create(const mapping::PosedMapperOptions& options,
+                                                                   bool deterministic, const SessionSource& source,
+                                                                   const place::Vocabulary* vocabulary,
+                                                                   MapWriter* writer) {
+  CAIRN_RETURN_IF_ERROR(source.camera.Validate());
+  CAIRN_ASSIGN_OR_RETURN(image::Undistorter undistorter, image::Undistorter::Create(source.camera));
+  std::unique_ptr<PosedSession> session(new PosedSession(std::move(undistorter), deterministic, writer));
+  CAIRN_ASSIGN_OR_RETURN(session->session_,
+                         BeginSession(source, session->undistorter_.pinhole(), !deterministic, writer));
+  const auto commit = [writer](map::Delta delta) { return writer->Commit(delta); };
+  CAIRN_ASSIGN_OR_RETURN(session->mapper_,
+                         mapping::PosedMapper::Create(options, writer->Current(), session->session_.id,
+                                                      session->session_.camera, vocabulary, commit));
+  return session;
+}
+
+absl::Status PosedSession::AddFrame(const RawFrame& frame, const SE3& world_from_camera) {
+  mapping::PosedImage image;
+  CAIRN_ASSIGN_OR_RETURN(image.image, undistorter_.Undistort(frame.gray));
+  image.index = frame.index;
+  image.time_ns = frame.time_ns;
+  image.world_from_camera = world_from_camera;
+  CAIRN_RETURN_IF_ERROR(mapper_->Add(image).status());
+  last_time_ns_ = frame.time_ns;
+  return absl::OkStatus();
+}
+
+absl::StatusOr<mapping::PosedMapperReport> PosedSession::Finish() {
+  CAIRN_ASSIGN_OR_RETURN(mapping::PosedMapperReport report, mapper_->Finish());
+  CAIRN_RETURN_IF_ERROR(EndSession(session_, last_time_ns_, !deterministic_, writer_));
+  return report;
+}
+
+}  // namespace cairn::engine

@@ -1,0 +1,89 @@
+// One session: a camera stream becomes (or extends) a map. Takes raw images in temporal order, runs the direct odometry
+// on each and the feature module on the keyframes that leave it, and commits every change of the map as it happens.
+//
+// Owns every thread of the processing: AddFrame() works in the caller's thread, the feature module in one of its own.
+// In deterministic mode there is no thread: the same input gives the same output, to the bit.
+#pragma once
+
+#include <memory>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/status.h"
+#include "base/time.h"
+#include "direct/odometry.h"
+#include "engine/map_writer.h"
+#include "engine/session_record.h"
+#include "mapping/feature_mapper.h"
+#include "place/vocabulary.h"
+
+namespace cairn::engine {
+
+struct SessionOptions {
+  bool deterministic = false;
+  direct::OdometryOptions odometry;
+  mapping::FeatureMapperOptions mapping;
+  int packet_queue_limit = 5;  // keyframes waiting for an older one (paper Sec. V)
+  int mapping_backlog = 8;     // packets waiting for the feature module; the odometry then waits for it
+
+  absl::Status Validate() const;
+};
+
+struct RawFrame {
+  std::int64_t index = 0;
+  TimeNs time_ns = 0;
+  cv::Mat gray;  // CV_8UC1, as the camera gives it
+  double exposure_s = 0.0;
+};
+
+// The pose of one frame at the end of the session. Frames without a pose were not tracked.
+struct FramePose {
+  std::int64_t index = 0;
+  TimeNs time_ns = 0;
+  direct::TrackingState state = direct::TrackingState::kInitializing;
+  std::optional<SE3> map_from_camera;
+};
+
+struct SessionReport {
+  std::int64_t frames = 0;
+  std::int64_t frames_tracked = 0;
+  std::int64_t direct_keyframes = 0;
+  std::int64_t keyframes = 0;  // in the map
+  std::int64_t points = 0;
+  std::int64_t feature_losses = 0;  // times the feature module lost the map
+  std::vector<float> frame_ms;      // per call of AddFrame
+  std::vector<float> keyframe_ms;   // per packet through the feature module
+  direct::OdometryStatistics odometry;
+  std::vector<FramePose> frame_poses;
+  std::vector<mapping::TrajectoryKeyframe> keyframe_poses;
+};
+
+class Session {
+ public:
+  // `writer` and `vocabulary` (which may be null) must outlive the session.
+  static absl::StatusOr<std::unique_ptr<Session>> Create(const SessionOptions& options, const SessionSource& source,
+                                                         const place::Vocabulary* vocabulary, MapWriter* writer);
+  ~Session();
+  Session(const Session&) = delete;
+  Session& operator=(const Session&) = delete;
+
+  // The live answer. InvalidArgument for an image that does not fit the camera: the frame is skipped, the session goes
+  // on. Any other error (the map could not be written) ends it.
+  absl::StatusOr<direct::FrameResult> AddFrame(const RawFrame& frame);
+
+  // Keyframes that the map holds by now.
+  std::int64_t KeyframesInMap() const;
+
+  // Ends the stream, waits for the feature module, closes the session in the map. FailedPrecondition, saying what the
+  // odometry waited for, if there never was a map.
+  absl::StatusOr<SessionReport> Finish();
+
+ private:
+  class Impl;
+  explicit Session(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace cairn::engine

@@ -1,0 +1,99 @@
+#include "cli/cli.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+
+#include "store/fault.h"
+
+namespace cairn::cli {
+namespace {
+
+double NowSeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+int ExitCodeOf(const absl::Status& status) {
+  if (status.ok()) return kOk;
+  if (store::IsDamaged(status)) return kDamagedMap;
+  if (store::IsNewerVersion(status)) return kVersion;
+  return kFailure;
+}
+
+}  // namespace
+
+int Fail(const std::string& verb, const absl::Status& status, bool json) {
+  const int code = ExitCodeOf(status);
+  if (json) {
+    const absl::string_view fault = store::FaultName(store::FaultOf(status));
+    PrintJson({{"error", std::string(status.message())}, {"fault", std::string(fault)}, {"exit_code", code}});
+  } else {
+    std::cerr << "cairn " << verb << ": " << status.message() << "\n";
+  }
+  return code;
+}
+
+void PrintJson(const nlohmann::ordered_json& json) {
+  std::cout << json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << "\n";
+}
+
+absl::Status CheckWritable(const std::string& path, bool overwrite) {
+  std::error_code error;
+  if (!path.empty() && !overwrite && std::filesystem::exists(path, error)) {
+    return absl::AlreadyExistsError(
+        absl::StrCat(path, " exists already: choose another name, or give --overwrite to replace it"));
+  }
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  if (!folder.empty() && !std::filesystem::is_directory(folder, error)) {
+    return absl::NotFoundError(absl::StrCat("the folder of ", path, " does not exist: create it first"));
+  }
+  return absl::OkStatus();
+}
+
+Progress::Progress(std::string label, std::int64_t total, bool quiet)
+    : label_(std::move(label)), total_(std::max<std::int64_t>(total, 1)), quiet_(quiet), terminal_(isatty(2) != 0) {}
+
+Progress::~Progress() { Finish(); }
+
+void Progress::Update(std::int64_t done, const std::string& note) {
+  if (quiet_ || finished_) return;
+  if (terminal_) {
+    const double now_s = NowSeconds();
+    if (now_s - last_drawn_s_ < 0.1) return;
+    last_drawn_s_ = now_s;
+  } else {
+    const std::int64_t tenth = done * 10 / total_;
+    if (tenth == last_tenth_ || tenth == 0) return;
+    last_tenth_ = tenth;
+  }
+  Draw(done, note);
+}
+
+void Progress::Finish(const std::string& note) {
+  if (quiet_ || finished_) return;
+  finished_ = true;
+  if (terminal_ && last_drawn_s_ >= 0.0) {
+    std::fputs("\r\033[K", stderr);
+    if (!note.empty()) std::fprintf(stderr, "%s: %s\n", label_.c_str(), note.c_str());
+  }
+}
+
+void Progress::Draw(std::int64_t done, const std::string& note) {
+  const double share = std::clamp(static_cast<double>(done) / static_cast<double>(total_), 0.0, 1.0);
+  if (terminal_) {
+    constexpr int kWidth = 30;
+    const int full = static_cast<int>(share * kWidth);
+    std::string bar;
+    for (int i = 0; i < kWidth; ++i) bar += i < full ? "█" : "░";
+    std::fprintf(stderr, "\r\033[K%s %s %3.0f %%  %s", label_.c_str(), bar.c_str(), 100.0 * share, note.c_str());
+  } else {
+    std::fprintf(stderr, "%s: %.0f %%  %s\n", label_.c_str(), 100.0 * share, note.c_str());
+  }
+  std::fflush(stderr);
+}
+
+}  // namespace cairn::cli

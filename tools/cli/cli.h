@@ -1,0 +1,62 @@
+// What the verbs of `cairn` share: registration, exit codes, output for people and machines, progress.
+// A verb is one file: it declares its options on a CLI11 subcommand and leaves an Action that main() runs.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <cstdint>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "base/status.h"
+
+namespace cairn::cli {
+
+// Exit codes, as documented in the README.
+enum ExitCode { kOk = 0, kFailure = 1, kUsage = 2, kDamagedMap = 3, kNotLocalized = 4, kVersion = 5 };
+
+using Action = std::function<int()>;
+
+void AddRunCommand(CLI::App& app, Action* action);
+void AddLocalizeCommand(CLI::App& app, Action* action);
+void AddInfoCommand(CLI::App& app, Action* action);
+void AddAlignCommand(CLI::App& app, Action* action);
+void AddEvalCommand(CLI::App& app, Action* action);
+void AddVocabCommand(CLI::App& app, Action* action);
+void AddSynthCommand(CLI::App& app, Action* action);
+
+// Prints "cairn VERB: message" to standard error, or {"error": ...} to standard output when the verb answers in JSON.
+// Gives the exit code that fits the status.
+int Fail(const std::string& verb, const absl::Status& status, bool json);
+
+// One line of JSON with keys in the order given.
+void PrintJson(const nlohmann::ordered_json& json);
+
+// OK if `path` may be written: it does not exist, or `overwrite`. The message names --overwrite.
+absl::Status CheckWritable(const std::string& path, bool overwrite);
+
+// A bar that redraws itself on a terminal, and a plain line every tenth otherwise. Writes to standard error.
+class Progress {
+ public:
+  Progress(std::string label, std::int64_t total, bool quiet);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  // `note` stands behind the bar: "42 keyframes, 61 frames/s".
+  void Update(std::int64_t done, const std::string& note = "");
+  void Finish(const std::string& note = "");
+
+ private:
+  void Draw(std::int64_t done, const std::string& note);
+
+  std::string label_;
+  std::int64_t total_;
+  bool quiet_;
+  bool terminal_;
+  bool finished_ = false;
+  std::int64_t last_tenth_ = -1;
+  double last_drawn_s_ = -1.0;
+};
+
+}  // namespace cairn::cli

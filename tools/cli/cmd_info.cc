@@ -1,0 +1,172 @@
+// cairn info: what is in a map.
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <iostream>
+
+#include "cli/cli.h"
+#include "cli/pictures.h"
+#include "store/map_file.h"
+
+namespace cairn::cli {
+namespace {
+
+struct InfoOptions {
+  std::string map;
+  std::string picture;
+  bool digest = false;
+  bool overwrite = false;
+  bool json = false;
+};
+
+// "2026-01-31 12:00:00 UTC", or "" for 0.
+std::string FormatUnixTime(std::int64_t unix_ns) {
+  if (unix_ns == 0) return "";
+  const std::time_t seconds = static_cast<std::time_t>(unix_ns / 1'000'000'000);
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  char text[40];
+  std::strftime(text, sizeof(text), "%Y-%m-%d %H:%M:%S UTC", &utc);
+  return text;
+}
+
+// Of all keyframes: features, features with a point, and neighbours in the covisibility graph.
+struct Means {
+  double features = 0.0;
+  double matched = 0.0;
+  double neighbours = 0.0;
+};
+
+Means ComputeMeans(const map::Snapshot& map) {
+  Means means;
+  map.keyframes().ForEach([&](const auto& keyframe) {
+    means.features += static_cast<double>(keyframe->points.size());
+    for (const PointId point : keyframe->points) means.matched += point ? 1.0 : 0.0;
+    for (const map::CovisibilityEdge& edge : keyframe->covisible) {
+      means.neighbours += edge.shared_points >= map::kMinCovisiblePoints ? 1.0 : 0.0;
+    }
+  });
+  const double count = std::max<double>(1.0, static_cast<double>(map.keyframes().size()));
+  return {means.features / count, means.matched / count, means.neighbours / count};
+}
+
+double MeanObservations(const map::Snapshot& map) {
+  double sum = 0.0;
+  map.points().ForEach([&](const auto& point) { sum += static_cast<double>(point->observations.size()); });
+  return map.points().empty() ? 0.0 : sum / static_cast<double>(map.points().size());
+}
+
+nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) {
+  const Means means = ComputeMeans(map);
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array(), sessions = nlohmann::ordered_json::array();
+  for (const auto& [id, camera] : map.cameras()) {
+    cameras.push_back({{"id", id.value()}, {"name", camera.name}, {"model", camera.model.Describe()}});
+  }
+  for (const auto& [id, session] : map.sessions()) {
+    std::int64_t keyframes = 0;
+    const SessionId session_id = id;
+    map.keyframes().ForEach([&](const auto& keyframe) { keyframes += keyframe->session == session_id ? 1 : 0; });
+    sessions.push_back({{"id", id.value()},
+                        {"source", session.source},
+                        {"camera", session.camera.value()},
+                        {"keyframes", keyframes},
+                        {"duration_s", ToSeconds(session.last_ns - session.first_ns)},
+                        {"complete", session.complete},
+                        {"software_version", session.software_version},
+                        {"started", FormatUnixTime(session.started_unix_ns)},
+                        {"settings", nlohmann::ordered_json::parse(session.settings_json, nullptr, false)}});
+  }
+  nlohmann::ordered_json world = nullptr;
+  if (map.info().world_from_map) {
+    const Sim3& s = *map.info().world_from_map;
+    world = {{"scale", s.scale()},
+             {"translation", {s.translation().x(), s.translation().y(), s.translation().z()}},
+             {"quaternion_xyzw", {s.rotation().x(), s.rotation().y(), s.rotation().z(), s.rotation().w()}}};
+  }
+  return {{"id", map.info().id},
+          {"name", map.info().name},
+          {"revision", map.revision()},
+          {"keyframes", map.keyframes().size()},
+          {"points", map.points().size()},
+          {"features_per_keyframe", means.features},
+          {"points_per_keyframe", means.matched},
+          {"covisible_keyframes", means.neighbours},
+          {"observations_per_point", MeanObservations(map)},
+          {"world_from_map", world},
+          {"vocabulary_hash", absl::StrCat(absl::Hex(map.info().vocabulary_hash, absl::kZeroPad16))},
+          {"bytes", bytes},
+          {"created", FormatUnixTime(map.info().created_unix_ns)},
+          {"software_version", map.info().software_version},
+          {"cameras", cameras},
+          {"sessions", sessions}};
+}
+
+void Print(const nlohmann::ordered_json& info, const std::string& path) {
+  const auto number = [&](const char* key) { return info[key].get<double>(); };
+  std::printf("%s: map \"%s\", revision %lld\n", path.c_str(), info["name"].get<std::string>().c_str(),
+              info["revision"].get<long long>());
+  std::printf("  %lld keyframes with %.0f features (%.0f of them with a point), %.1f covisible each\n",
+              info["keyframes"].get<long long>(), number("features_per_keyframe"), number("points_per_keyframe"),
+              number("covisible_keyframes"));
+  std::printf("  %lld points, seen %.1f times each\n", info["points"].get<long long>(),
+              number("observations_per_point"));
+  if (info["world_from_map"].is_null()) {
+    std::printf("  not aligned: its scale and origin are arbitrary (cairn align)\n");
+  } else {
+    std::printf("  aligned to a world frame: scale %.4f\n", info["world_from_map"]["scale"].get<double>());
+  }
+  std::printf("  %.1f MB, vocabulary %s, id %s\n", number("bytes") / 1e6,
+              info["vocabulary_hash"].get<std::string>().c_str(), info["id"].get<std::string>().c_str());
+  for (const auto& camera : info["cameras"]) {
+    std::printf("  camera %lld: %s\n", camera["id"].get<long long>(), camera["model"].get<std::string>().c_str());
+  }
+  for (const auto& session : info["sessions"]) {
+    std::printf(
+        "  session %lld: %s, %.1f s, %lld keyframes, by cairn %s%s%s\n", session["id"].get<long long>(),
+        session["source"].get<std::string>().c_str(), session["duration_s"].get<double>(),
+        session["keyframes"].get<long long>(), session["software_version"].get<std::string>().c_str(),
+        session["started"].get<std::string>().empty() ? "" : (" on " + session["started"].get<std::string>()).c_str(),
+        session["complete"].get<bool>() ? "" : " (running, or cut off)");
+  }
+}
+
+absl::Status Info(const InfoOptions& options) {
+  CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
+  std::error_code error;
+  nlohmann::ordered_json info = Describe(*map, std::filesystem::file_size(options.map, error));
+  if (options.digest) {
+    CAIRN_ASSIGN_OR_RETURN(info["digest"], file->ContentDigest());
+  }
+  if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawMap(*map, options.picture));
+  if (options.json) {
+    PrintJson(info);
+  } else {
+    Print(info, options.map);
+    if (options.digest) std::printf("  content digest %s\n", info["digest"].get<std::string>().c_str());
+    if (!options.picture.empty()) std::printf("  picture: %s\n", options.picture.c_str());
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddInfoCommand(CLI::App& app, Action* action) {
+  CLI::App* verb = app.add_subcommand("info", "Describe a map: size, sessions, cameras, alignment");
+  auto options = std::make_shared<InfoOptions>();
+  verb->add_option("MAP", options->map, "Map file (.cairn)")->required();
+  verb->add_option("--picture", options->picture, "Draw the map from above to this .png or .svg file");
+  verb->add_flag("--digest", options->digest, "Also print a hash of the content, equal for equal maps");
+  verb->add_flag("--overwrite", options->overwrite, "Replace the picture if it exists");
+  verb->add_flag("--json", options->json, "Answer in JSON");
+  verb->footer("Example:\n  cairn info office.cairn --picture office.png");
+  verb->callback([=] {
+    *action = [=] {
+      const absl::Status status = Info(*options);
+      return status.ok() ? static_cast<int>(kOk) : Fail("info", status, options->json);
+    };
+  });
+}
+
+}  // namespace cairn::cli

@@ -1,0 +1,38 @@
+#include "cli/input_options.h"
+
+#include <iostream>
+
+namespace cairn::cli {
+
+void AddInputOptions(CLI::App* verb, InputOptions* options) {
+  verb->add_option("DATASET", options->sequence,
+                   "Folder of the sequence: EuRoC, TUM RGB-D, TUM monoVO, KITTI, images with times.txt")
+      ->required();
+  verb->add_option("--camera", options->open.camera_path,
+                   "Calibration (camera.yaml) to use instead of the sequence's own");
+  verb->add_option("--camera-index", options->open.camera_index,
+                   "Which of several cameras (EuRoC cam0, cam1; KITTI image_0, ...)")
+      ->capture_default_str();
+  verb->add_option("--format", options->format, "Format of the sequence, if it is not recognized")
+      ->check(CLI::IsMember({"auto", "euroc", "tum_rgbd", "tum_mono", "kitti", "times", "images"}))
+      ->capture_default_str();
+  verb->add_option("--from", options->open.from_s, "Start, seconds after the first image")->capture_default_str();
+  verb->add_option("--until", options->open.until_s, "End, seconds after the first image (not included)");
+  verb->add_option("--stride", options->open.stride, "Take every n-th image")->capture_default_str();
+}
+
+absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options) {
+  io::OpenOptions open = options.open;
+  CAIRN_ASSIGN_OR_RETURN(open.format, io::SequenceFormatFromName(options.format));
+  return io::FrameSource::Open(options.sequence, open);
+}
+
+void SkippedFrames::Add(const std::string& path, const absl::Status& status) {
+  constexpr std::int64_t kMostTold = 5;
+  ++count_;
+  if (quiet_ || count_ > kMostTold) return;
+  std::cerr << "cairn " << verb_ << ": skipped " << path << ": " << status.message() << "\n";
+  if (count_ == kMostTold) std::cerr << "cairn " << verb_ << ": further skipped images are only counted\n";
+}
+
+}  // namespace cairn::cli

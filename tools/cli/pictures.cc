@@ -1,0 +1,61 @@
+#include "cli/pictures.h"
+
+#include <algorithm>
+#include <map>
+
+#include "plot/figures.h"
+
+namespace cairn::cli {
+
+absl::Status DrawMap(const map::Snapshot& map, const std::string& path, const std::vector<SE3>& queries) {
+  const Sim3 world_from_map = map.info().world_from_map.value_or(Sim3());
+  plot::MapFigure figure;
+  figure.title =
+      absl::StrCat(map.info().name, ": ", map.keyframes().size(), " keyframes, ", map.points().size(), " points");
+  figure.metric = map.info().world_from_map.has_value();
+  figure.queries = queries;
+  map.points().ForEach([&](const auto& point) { figure.points_m.push_back(world_from_map * point->position); });
+
+  std::vector<const map::Keyframe*> keyframes;
+  map.keyframes().ForEach([&](const auto& keyframe) { keyframes.push_back(keyframe.get()); });
+  std::sort(keyframes.begin(), keyframes.end(), [](const auto* a, const auto* b) {
+    return a->session != b->session ? a->session < b->session : a->time_ns < b->time_ns;
+  });
+  std::map<KeyframeId, std::size_t> place;
+  std::map<SessionId, int> group;
+  for (const auto& [id, session] : map.sessions()) {
+    group.emplace(id, static_cast<int>(group.size()));
+    figure.group_labels.push_back(absl::StrCat("session ", id.value(), ": ", session.source));
+  }
+  for (const map::Keyframe* keyframe : keyframes) {
+    place.emplace(keyframe->id, figure.keyframes.size());
+    figure.keyframes.push_back(
+        {world_from_map.TransformPose(keyframe->camera_from_map.Inverse()), group.at(keyframe->session)});
+  }
+  for (const map::Keyframe* keyframe : keyframes) {
+    for (const map::CovisibilityEdge& edge : keyframe->covisible) {
+      if (edge.keyframe < keyframe->id || edge.shared_points < map::kMinCovisiblePoints) continue;
+      figure.covisible.emplace_back(place.at(keyframe->id), place.at(edge.keyframe));
+    }
+  }
+  plot::FigureOptions options;
+  options.overwrite = true;
+  return plot::WriteMapFigure(figure, path, options);
+}
+
+absl::Status DrawAte(const eval::AteResult& result, const std::vector<io::StampedPose>& groundtruth,
+                     const std::string& title, const std::string& path) {
+  plot::TrajectoryFigure figure;
+  figure.title = title;
+  for (const eval::AtePose& pose : result.poses) {
+    figure.estimate.push_back({pose.time_ns, pose.aligned.translation(), pose.error_m});
+  }
+  for (const io::StampedPose& pose : groundtruth) {
+    figure.groundtruth.emplace_back(pose.time_ns, pose.world_from_camera.translation());
+  }
+  plot::FigureOptions options;
+  options.overwrite = true;
+  return plot::WriteTrajectoryFigure(figure, path, options);
+}
+
+}  // namespace cairn::cli
