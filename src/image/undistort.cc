@@ -1,0 +1,153 @@
+#include "image/undistort.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <opencv2/imgproc.hpp>
+
+namespace cairn::image {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kDegree = 3.14159265358979323846 / 180.0;
+
+// An upright rectangle of the plane z = 1.
+struct Rectangle {
+  double left, right, top, bottom;
+
+  void Shrink(double factor) { left *= factor, right *= factor, top *= factor, bottom *= factor; }
+};
+
+// The largest rectangle inside the unprojected border of the raw image. Border pixels that see beyond `limit` bind
+// nothing.
+Rectangle InsideOfBorder(const Camera& camera, double limit) {
+  Rectangle r{-limit, limit, -limit, limit};
+  const auto plane = [&](double x, double y) -> std::optional<Vector2d> {
+    const std::optional<Vector3d> ray = camera.Unproject({x, y});
+    if (!ray || ray->z() <= 0.0) return std::nullopt;
+    return Vector2d(ray->head<2>() / ray->z());
+  };
+  const int right = camera.width_px - 1, bottom = camera.height_px - 1;
+  for (int y = 0; y <= bottom; ++y) {
+    if (const auto p = plane(0, y)) r.left = std::max(r.left, p->x());
+    if (const auto p = plane(right, y)) r.right = std::min(r.right, p->x());
+  }
+  for (int x = 0; x <= right; ++x) {
+    if (const auto p = plane(x, 0)) r.top = std::max(r.top, p->y());
+    if (const auto p = plane(x, bottom)) r.bottom = std::min(r.bottom, p->y());
+  }
+  return r;
+}
+
+// The view of the rectangle: square pixels stay as square as the raw camera's, see the header.
+Pinhole ViewOf(const Rectangle& r, const Camera& camera) {
+  const double width = camera.width_px - 1, height = camera.height_px - 1;
+  const double zoom =
+      std::max(width / ((r.right - r.left) * camera.fx_px), height / ((r.bottom - r.top) * camera.fy_px));
+  Pinhole view = camera.Intrinsics();
+  view.fx_px *= zoom;
+  view.fy_px *= zoom;
+  // The pixel of the axis may be anywhere from where the right end fits to where the left end fits.
+  view.cx_px =
+      std::clamp(camera.cx_px, std::min(width - r.right * view.fx_px, -r.left * view.fx_px), -r.left * view.fx_px);
+  view.cy_px =
+      std::clamp(camera.cy_px, std::min(height - r.bottom * view.fy_px, -r.top * view.fy_px), -r.top * view.fy_px);
+  return view;
+}
+
+// Whether every border pixel of the view comes from inside the raw image; with the border, all.
+bool LiesInside(const Pinhole& view, const Camera& camera) {
+  const auto inside = [&](double x, double y) {
+    const std::optional<Vector2d> raw = camera.Project(view.Unproject({x, y}));
+    return raw && camera.Contains(*raw);
+  };
+  const int right = view.width_px - 1, bottom = view.height_px - 1;
+  for (int x = 0; x <= right; ++x) {
+    if (!inside(x, 0) || !inside(x, bottom)) return false;
+  }
+  for (int y = 0; y <= bottom; ++y) {
+    if (!inside(0, y) || !inside(right, y)) return false;
+  }
+  return true;
+}
+
+absl::StatusOr<Pinhole> ChooseView(const Camera& camera, double max_half_angle_deg) {
+  Rectangle r = InsideOfBorder(camera, std::tan(max_half_angle_deg * kDegree));
+  if (r.left < 0 && r.right > 0 && r.top < 0 && r.bottom > 0 && camera.width_px > 1 && camera.height_px > 1) {
+    for (int i = 0; i < 500; ++i) {
+      const Pinhole view = ViewOf(r, camera);
+      if (LiesInside(view, camera)) return view;
+      r.Shrink(i == 0 ? 1.0 - 1e-6 : 0.995);  // at first for rounding alone
+    }
+  }
+  return absl::FailedPreconditionError(absl::StrCat("no undistorted view without black borders fits into the camera (",
+                                                    camera.Describe(), "); check its calibration"));
+}
+
+}  // namespace
+
+absl::Status UndistortOptions::Validate() const {
+  if (!(max_half_angle_deg > 0.0 && max_half_angle_deg <= 85.0)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_half_angle_deg is ", max_half_angle_deg, " but must be in (0, 85]"));
+  }
+  if (target) return Annotate(Camera::FromPinhole(*target).Validate(), "camera of the undistorted images");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Undistorter> Undistorter::Create(const Camera& camera, const UndistortOptions& options) {
+  CAIRN_RETURN_IF_ERROR(camera.Validate());
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  Undistorter out;
+  out.camera_ = camera;
+  if (camera.IsUndistorted() && (!options.target || *options.target == camera.Intrinsics())) {
+    out.pinhole_ = camera.Intrinsics();
+    return out;
+  }
+  if (options.target) {
+    out.pinhole_ = *options.target;
+  } else {
+    CAIRN_ASSIGN_OR_RETURN(out.pinhole_, ChooseView(camera, options.max_half_angle_deg));
+  }
+  cv::Mat map_x(out.pinhole_.height_px, out.pinhole_.width_px, CV_32FC1), map_y(map_x.size(), CV_32FC1);
+  for (int y = 0; y < map_x.rows; ++y) {
+    for (int x = 0; x < map_x.cols; ++x) {
+      const std::optional<Vector2d> raw = out.RawFromPinhole(Vector2d(x, y));
+      const bool inside = raw && camera.Contains(*raw, -1.0);
+      map_x.at<float>(y, x) = inside ? static_cast<float>(raw->x()) : -2.0f;  // outside: black
+      map_y.at<float>(y, x) = inside ? static_cast<float>(raw->y()) : -2.0f;
+    }
+  }
+  cv::convertMaps(map_x, map_y, out.map_xy_, out.map_fraction_, CV_16SC2, false);
+  return out;
+}
+
+absl::StatusOr<cv::Mat> Undistorter::Undistort(const cv::Mat& raw) const {
+  if (raw.cols != camera_.width_px || raw.rows != camera_.height_px) {
+    return absl::InvalidArgumentError(absl::StrCat("the image has ", raw.cols, "x", raw.rows, " px but its camera ",
+                                                   camera_.width_px, "x", camera_.height_px,
+                                                   " px; use the calibration of this image size"));
+  }
+  if (identity()) return raw;
+  cv::Mat out;
+  try {
+    cv::remap(raw, out, map_xy_, map_fraction_, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar());
+  } catch (const cv::Exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat("undistorting an image: ", error.what()));
+  }
+  return out;
+}
+
+std::optional<Vector2d> Undistorter::PinholeFromRaw(const Vector2d& raw_px) const {
+  const std::optional<Vector3d> ray = camera_.Unproject(raw_px);
+  if (!ray || ray->z() <= 0.0) return std::nullopt;
+  return pinhole_.Project(*ray);
+}
+
+std::optional<Vector2d> Undistorter::RawFromPinhole(const Vector2d& pinhole_px) const {
+  return camera_.Project(pinhole_.Unproject(pinhole_px));
+}
+
+}  // namespace cairn::image
