@@ -39,6 +39,14 @@ class SE3 {
       : rotation_(rotation.normalized()), translation_(translation) {}
   SE3(const Matrix3d& rotation, const Vector3d& translation) : SE3(Quaterniond(rotation), translation) {}
 
+  // The rotation is of unit length already and kept to the bit: for poses read back from a file.
+  static SE3 FromUnit(const Quaterniond& rotation, const Vector3d& translation) {
+    SE3 pose;
+    pose.rotation_ = rotation;
+    pose.translation_ = translation;
+    return pose;
+  }
+
   static SE3 Exp(const Vector6d& tangent);
   Vector6d Log() const;
   // SE3::Exp(A.Adjoint() * x) * A == A * SE3::Exp(x).
@@ -65,6 +73,15 @@ class Sim3 {
   Sim3(const Quaterniond& rotation, const Vector3d& translation, double scale)
       : rotation_(rotation.normalized()), translation_(translation), scale_(scale) {}
   explicit Sim3(const SE3& rigid) : Sim3(rigid.rotation(), rigid.translation(), 1.0) {}
+
+  // As SE3::FromUnit.
+  static Sim3 FromUnit(const Quaterniond& rotation, const Vector3d& translation, double scale) {
+    Sim3 similarity;
+    similarity.rotation_ = rotation;
+    similarity.translation_ = translation;
+    similarity.scale_ = scale;
+    return similarity;
+  }
 
   static Sim3 Exp(const Vector7d& tangent);
   Vector7d Log() const;

@@ -4,6 +4,8 @@
 #include <map>
 #include <utility>
 
+#include "map/viewing.h"
+
 namespace cairn::map {
 namespace {
 
@@ -288,24 +290,17 @@ void Edit::UpdatePoint(PointId id) {
   if (point(id).observations.empty()) return;
   MapPoint& changed = MutablePoint(id);
   std::vector<image::Descriptor> descriptors;
-  Vector3d direction = Vector3d::Zero();
+  std::vector<Vector3d> centers;
   for (const Observation& observation : changed.observations) {
     const Keyframe& seen_by = keyframe(observation.keyframe);
     descriptors.push_back(seen_by.descriptors()[observation.feature]);
-    direction += (changed.position - seen_by.CenterInMap()).normalized();
+    centers.push_back(seen_by.CenterInMap());
   }
   const std::size_t typical = MostTypical(descriptors);
   changed.reference = changed.observations[typical];
   changed.descriptor = descriptors[typical];
-  changed.mean_view_direction = direction.normalized().cast<float>();
-
-  // Seen at octave o from distance d, it would be at octave 0 from d * scale^o, and at the last one from that / scale^last.
-  const Keyframe& seen_by = keyframe(changed.reference.keyframe);
-  const int octave = seen_by.keypoints()[changed.reference.feature].octave;
-  const double distance = (changed.position - seen_by.CenterInMap()).norm();
-  const image::OrbParameters& orb = info().orb;
-  changed.max_distance = static_cast<float>(distance * orb.Scale(octave));
-  changed.min_distance = static_cast<float>(changed.max_distance / orb.Scale(orb.num_levels - 1));
+  const int octave = keyframe(changed.reference.keyframe).keypoints()[changed.reference.feature].octave;
+  SetViewing(ComputeViewing(changed.position, centers, centers[typical], octave, info().orb), &changed);
 }
 
 std::vector<KeyframeId> Edit::ChangedKeyframes() const {

@@ -69,8 +69,9 @@ absl::Status CheckPoint(const Snapshot& map, const MapPoint& point) {
 
 }  // namespace
 
-std::shared_ptr<const Snapshot> Snapshot::Empty(MapInfo info) {
+std::shared_ptr<const Snapshot> Snapshot::Empty(MapInfo info, Revision revision) {
   auto snapshot = std::make_shared<Snapshot>();
+  snapshot->revision_ = revision;
   snapshot->info_ = std::make_shared<const MapInfo>(std::move(info));
   snapshot->cameras_ = std::make_shared<const std::map<CameraId, MapCamera>>();
   snapshot->sessions_ = std::make_shared<const std::map<SessionId, Session>>();

@@ -20,8 +20,8 @@ inline constexpr int kMinEssentialPoints = 100;
 
 class Snapshot {
  public:
-  // An empty map at revision 0.
-  static std::shared_ptr<const Snapshot> Empty(MapInfo info);
+  // An empty map, at revision 0 unless a map that has a history is being read back.
+  static std::shared_ptr<const Snapshot> Empty(MapInfo info, Revision revision = 0);
 
   // The map after `delta`. O(size of the delta). Errors: FailedPrecondition if delta.base is not this revision,
   // InvalidArgument if the delta refers to entities that do not exist; this snapshot is as it was.

@@ -1,0 +1,18 @@
+#include "map/viewing.h"
+
+namespace cairn::map {
+
+Viewing ComputeViewing(const Vector3d& position, std::span<const Vector3d> camera_centers,
+                       const Vector3d& reference_center, int reference_octave, const image::OrbParameters& orb) {
+  Vector3d direction = Vector3d::Zero();
+  for (const Vector3d& center : camera_centers) direction += (position - center).normalized();
+  const double distance = (position - reference_center).norm();
+
+  Viewing viewing;
+  viewing.mean_direction = direction.normalized().cast<float>();
+  viewing.max_distance = static_cast<float>(distance * orb.Scale(reference_octave));
+  viewing.min_distance = static_cast<float>(viewing.max_distance / orb.Scale(orb.num_levels - 1));
+  return viewing;
+}
+
+}  // namespace cairn::map
