@@ -8,6 +8,7 @@
 #include "cli/cli.h"
 #include "cli/input_options.h"
 #include "cli/pictures.h"
+#include "cli/sample_statistics.h"
 #include "engine/posed_session.h"
 #include "engine/session.h"
 #include "io/trajectory.h"
@@ -30,24 +31,6 @@ struct RunOptions {
   bool overwrite = false;
   bool json = false;
 };
-
-// The value below which `share` of the samples lie.
-double Percentile(std::vector<float> samples, double share) {
-  if (samples.empty()) return 0.0;
-  const auto nth = static_cast<std::ptrdiff_t>(share * static_cast<double>(samples.size() - 1));
-  std::nth_element(samples.begin(), samples.begin() + nth, samples.end());
-  return samples[static_cast<std::size_t>(nth)];
-}
-
-double Mean(const std::vector<float>& samples) {
-  double sum = 0.0;
-  for (const float sample : samples) sum += sample;
-  return samples.empty() ? 0.0 : sum / static_cast<double>(samples.size());
-}
-
-nlohmann::ordered_json Times(const std::vector<float>& samples) {
-  return {{"median", Percentile(samples, 0.5)}, {"mean", Mean(samples)}, {"p99", Percentile(samples, 0.99)}};
-}
 
 struct Prepared {
   std::unique_ptr<io::FrameSource> source;
@@ -75,9 +58,9 @@ absl::StatusOr<Prepared> Prepare(const RunOptions& options) {
   map_info.created_unix_ns = deterministic ? 0 : engine::UnixNowNs();
   map_info.vocabulary_hash = vocabulary.hash();
   if (!options.poses.empty()) map_info.world_from_map = Sim3();
-  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::MapWriter> writer,
-                         engine::MapWriter::Create(options.map, map_info,
-                                                   {options.overwrite, vocabulary.Serialize(), !deterministic}));
+  CAIRN_ASSIGN_OR_RETURN(
+      std::unique_ptr<engine::MapWriter> writer,
+      engine::MapWriter::Create(options.map, map_info, {options.overwrite, vocabulary.Serialize(), !deterministic}));
   engine::SessionSource session_source;
   session_source.name = info.name;
   session_source.camera = info.camera;
@@ -165,9 +148,9 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
                {"elapsed_s", elapsed_s},
                {"duration_s", info.duration_s},
                {"realtime_factor", speed},
-               {"frame_ms", Times(report.frame_ms)},
-               {"track_ms", Times(report.odometry.track.samples_ms)},
-               {"keyframe_ms", Times(report.keyframe_ms)}});
+               {"frame_ms", SampleStatistics(report.frame_ms)},
+               {"track_ms", SampleStatistics(report.odometry.track.samples_ms)},
+               {"keyframe_ms", SampleStatistics(report.keyframe_ms)}});
     return;
   }
   std::printf("%s: %lld keyframes, %lld points\n", options.map.c_str(), static_cast<long long>(report.keyframes),

@@ -1,0 +1,70 @@
+#!/usr/bin/env python3
+"""Checks that every #include between modules follows the arrows of docs/architecture.md: strictly one way.
+
+usage: check_includes.py ROOT"""
+import pathlib
+import re
+import sys
+
+# module: the modules whose headers it may include directly; a module that one of them may include is allowed, too.
+ALLOWED = {
+    'base': [],
+    'geometry': ['base'],
+    'image': ['geometry'],
+    'optimization': ['geometry'],
+    'map': ['image'],
+    'place': ['image'],
+    'direct': ['image', 'optimization'],
+    'tracking': ['map', 'place', 'optimization'],
+    'mapping': ['tracking', 'direct'],
+    'store': ['map'],
+    'io': ['map'],
+    'api': ['map'],
+    'engine': ['api', 'direct', 'mapping', 'store'],
+    'client': ['api', 'tracking', 'store'],
+    'synth': ['io'],
+    'eval': ['io'],
+    'plot': ['io'],
+    'cli': ['client', 'engine', 'io', 'synth', 'eval', 'plot'],
+}
+# Headers of a module that another may include although the module as a whole is closed to it.
+ONLY_HEADERS = {('mapping', 'direct'): {'direct/packet.h'}}
+FOLDERS = {**{name: f'src/{name}' for name in ALLOWED}, 'client': 'client', 'synth': 'tools/synth', 'eval': 'tools/eval',
+           'plot': 'tools/plot', 'cli': 'tools/cli'}
+INCLUDE = re.compile(r'^\s*#include\s+"([a-z_]+)/')
+
+
+def reachable(module):
+    found, waiting = {module}, [module]
+    while waiting:
+        for other in ALLOWED[waiting.pop()]:
+            if other not in found:
+                found.add(other)
+                waiting.append(other)
+    return found
+
+
+def main():
+    root = pathlib.Path(sys.argv[1])
+    errors, checked = [], 0
+    for module, folder in FOLDERS.items():
+        allowed = reachable(module)
+        for path in sorted([*root.joinpath(folder).rglob('*.h'), *root.joinpath(folder).rglob('*.cc')]):
+            is_test = path.stem.endswith('_test')
+            for number, line in enumerate(path.read_text().splitlines(), 1):
+                match = INCLUDE.match(line)
+                if not match or match[1] not in ALLOWED:
+                    continue
+                checked += 1
+                header = line.split('"')[1]
+                restricted = ONLY_HEADERS.get((module, match[1]))
+                if match[1] not in allowed or (restricted and header not in restricted and not is_test):
+                    errors.append(f'{path.relative_to(root)}:{number}: {module} must not include {header}')
+    print('\n'.join(errors) or f'{checked} includes between modules, all in the allowed direction')
+    if not checked:
+        sys.exit('no include found: wrong root?')
+    sys.exit(1 if errors else 0)
+
+
+if __name__ == '__main__':
+    main()

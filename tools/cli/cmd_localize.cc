@@ -1,0 +1,219 @@
+// cairn localize: where a sequence, or one photo, is in a map; the map is only read.
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <map>
+
+#include "api/localizer.h"
+#include "cli/cli.h"
+#include "cli/input_options.h"
+#include "cli/pictures.h"
+#include "cli/sample_statistics.h"
+#include "client/local_localizer.h"
+#include "io/camera_file.h"
+#include "io/trajectory.h"
+#include "store/map_file.h"
+
+namespace cairn::cli {
+namespace {
+
+struct LocalizeOptions {
+  InputOptions input;
+  std::string map;
+  std::string out;
+  std::string picture;
+  bool independent = false;
+  bool verbose = false;
+  bool overwrite = false;
+  bool json = false;
+};
+
+nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::string& path, TimeNs time_ns) {
+  nlohmann::ordered_json json = {{"image", path}, {"time_s", ToSeconds(time_ns)}, {"localized", answer.localized}};
+  if (answer.localized) {
+    const Vector3d& t = answer.world_from_camera.translation();
+    const Quaterniond& q = answer.world_from_camera.rotation();
+    json["position"] = {t.x(), t.y(), t.z()};
+    json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
+    json["position_sigma"] = std::sqrt(answer.covariance.topLeftCorner<3, 3>().trace());
+    json["reference_keyframe"] = answer.reference_keyframe.value();
+  } else {
+    json["failed_stage"] = api::LocalizeStageName(answer.stage);
+    json["reason"] = answer.reason;
+  }
+  const api::LocalizeCounts& c = answer.counts;
+  json["counts"] = {
+      {"features", c.features},       {"candidates", c.candidates},         {"word_matches", c.word_matches},
+      {"pnp_inliers", c.pnp_inliers}, {"guided_matches", c.guided_matches}, {"inliers", c.inliers}};
+  json["map"] = answer.map_id;
+  json["revision"] = answer.revision;
+  json["ms"] = answer.extract_ms + answer.locate_ms;
+  return json;
+}
+
+void PrintAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
+  const std::string name = std::filesystem::path(path).filename().string();
+  if (answer.localized) {
+    const Vector3d& t = answer.world_from_camera.translation();
+    std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms\n", name.c_str(), t.x(), t.y(), t.z(),
+                answer.world_is_metric ? "m" : "(map units)", answer.counts.inliers,
+                answer.extract_ms + answer.locate_ms);
+  } else {
+    std::printf("%s: not located at stage \"%s\": %s\n", name.c_str(), api::LocalizeStageName(answer.stage),
+                answer.reason.c_str());
+  }
+}
+
+// What came of all queries.
+struct Summary {
+  std::int64_t frames = 0;
+  std::int64_t localized = 0;
+  std::map<std::string, std::int64_t> misses;  // by stage
+  std::vector<float> latency_ms;
+  std::vector<io::StampedPose> poses;
+  std::string map_id;
+  Revision revision = 0;
+  bool metric = false;
+
+  void Add(const api::LocalizeAnswer& answer, TimeNs time_ns) {
+    ++frames;
+    latency_ms.push_back(static_cast<float>(answer.extract_ms + answer.locate_ms));
+    map_id = answer.map_id;
+    revision = answer.revision;
+    metric = answer.world_is_metric;
+    if (answer.localized) {
+      ++localized;
+      poses.push_back({time_ns, answer.world_from_camera});
+    } else {
+      ++misses[api::LocalizeStageName(answer.stage)];
+    }
+  }
+};
+
+absl::Status WriteOutputs(const LocalizeOptions& options, const Summary& summary) {
+  if (!options.out.empty()) {
+    io::TrajectoryWriteOptions write;
+    write.overwrite = options.overwrite;
+    write.comment = absl::StrCat("t tx ty tz qx qy qz qw: ", summary.metric ? "world" : "map", "_from_camera, map ",
+                                 summary.map_id, " revision ", summary.revision);
+    CAIRN_RETURN_IF_ERROR(io::WriteTumTrajectory(options.out, summary.poses, write));
+  }
+  if (!options.picture.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
+    CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
+    std::vector<SE3> queries;
+    for (const io::StampedPose& pose : summary.poses) queries.push_back(pose.world_from_camera);
+    CAIRN_RETURN_IF_ERROR(DrawMap(*map, options.picture, queries));
+  }
+  return absl::OkStatus();
+}
+
+void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::int64_t skipped) {
+  const double share =
+      summary.frames > 0 ? static_cast<double>(summary.localized) / static_cast<double>(summary.frames) : 0.0;
+  if (options.json) {
+    PrintJson({{"map", summary.map_id},
+               {"revision", summary.revision},
+               {"frames", summary.frames},
+               {"localized", summary.localized},
+               {"localized_share", share},
+               {"frames_skipped", skipped},
+               {"misses", summary.misses},
+               {"latency_ms", SampleStatistics(summary.latency_ms)}});
+    return;
+  }
+  std::printf("located %lld of %lld images (%.1f %%), %.1f ms median each (p99 %.1f)\n",
+              static_cast<long long>(summary.localized), static_cast<long long>(summary.frames), 100.0 * share,
+              Percentile(summary.latency_ms, 0.5), Percentile(summary.latency_ms, 0.99));
+  for (const auto& [stage, count] : summary.misses) {
+    std::printf("  %lld missed at stage \"%s\"\n", static_cast<long long>(count), stage.c_str());
+  }
+  if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
+  if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
+}
+
+absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer& localizer) {
+  if (options.input.open.camera_path.empty()) {
+    return absl::InvalidArgumentError("a single photo needs its calibration: give --camera camera.yaml");
+  }
+  api::LocalizeQuery query;
+  CAIRN_ASSIGN_OR_RETURN(const io::CameraFile camera, io::LoadCamera(options.input.open.camera_path));
+  query.camera = camera.camera;
+  CAIRN_ASSIGN_OR_RETURN(
+      query.image, io::ReadGrayImage(options.input.sequence, cv::Size(query.camera.width_px, query.camera.height_px)));
+  CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, localizer.Localize(query));
+  Summary summary;
+  summary.Add(answer, 0);
+  CAIRN_RETURN_IF_ERROR(WriteOutputs(options, summary));
+  if (options.json) {
+    PrintJson(ToJson(answer, options.input.sequence, 0));
+  } else {
+    PrintAnswer(answer, options.input.sequence);
+  }
+  return answer.localized ? kOk : kNotLocalized;
+}
+
+absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, api::Localizer& localizer) {
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
+  SkippedFrames skipped("localize", options.json);
+  Progress progress("localizing", source->info().num_frames, options.json || options.verbose);
+  Summary summary;
+  for (;;) {
+    CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, source->Next());
+    if (!frame) break;
+    if (!frame->status.ok()) {
+      skipped.Add(frame->path, frame->status);
+      continue;
+    }
+    CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer,
+                           localizer.Localize({frame->gray, source->info().camera, frame->time_ns}));
+    summary.Add(answer, frame->time_ns);
+    if (options.verbose && !options.json) PrintAnswer(answer, frame->path);
+    progress.Update(frame->index + 1, absl::StrCat(summary.localized, " of ", summary.frames, " located"));
+  }
+  progress.Finish();
+  CAIRN_RETURN_IF_ERROR(WriteOutputs(options, summary));
+  PrintSummary(options, summary, skipped.count());
+  return summary.localized > 0 ? kOk : kNotLocalized;
+}
+
+absl::StatusOr<int> Localize(const LocalizeOptions& options) {
+  for (const std::string* output : {&options.out, &options.picture}) {
+    CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
+  }
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::LocalLocalizer> localizer,
+                         client::LocalLocalizer::Open(options.map));
+  std::error_code error;
+  const bool photo = std::filesystem::is_regular_file(options.input.sequence, error);
+  return photo ? LocalizePhoto(options, *localizer) : LocalizeSequence(options, *localizer);
+}
+
+}  // namespace
+
+void AddLocalizeCommand(CLI::App& app, Action* action) {
+  CLI::App* verb = app.add_subcommand("localize", "Find the cameras of a sequence, or of one photo, in a map");
+  auto options = std::make_shared<LocalizeOptions>();
+  AddInputOptions(verb, &options->input);
+  verb->add_option("--map", options->map, "Map file (.cairn); it is only read")->required();
+  verb->add_option("--out", options->out, "Write the poses found to this file (TUM format)");
+  verb->add_option("--picture", options->picture, "Draw the map and the cameras found to this .png or .svg file");
+  verb->add_flag("--independent", options->independent,
+                 "Locate each image on its own, without help from the ones before it");
+  verb->add_flag("--verbose", options->verbose, "Print the answer for each image");
+  verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
+  verb->add_flag("--json", options->json, "Answer in JSON");
+  verb->footer(
+      "Exit code 4 if no image was located.\n"
+      "Examples:\n"
+      "  cairn localize second_visit --camera camera.yaml --map office.cairn --independent --out poses.txt\n"
+      "  cairn localize photo.jpg --camera camera.yaml --map office.cairn");
+  verb->callback([=] {
+    *action = [=] {
+      const absl::StatusOr<int> code = Localize(*options);
+      return code.ok() ? *code : Fail("localize", code.status(), options->json);
+    };
+  });
+}
+
+}  // namespace cairn::cli
