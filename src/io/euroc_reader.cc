@@ -1,0 +1,133 @@
+// EuRoC / ASL folders (Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 2016), and TUM VI, which has the
+// same layout: mav0/camN/{sensor.yaml, data.csv, data/}.
+#include "absl/strings/str_join.h"
+#include "io/sequence_readers.h"
+#include "io/text_lines.h"
+#include "io/time_text.h"
+#include "io/yaml_file.h"
+
+namespace cairn::io {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool IsCameraFolder(const fs::path& folder) {
+  return IsFile(folder / "data.csv") && (IsFile(folder / "sensor.yaml") || IsFolder(folder / "data"));
+}
+
+// The folder that holds cam0, cam1, ...; or the camera folder itself.
+std::optional<fs::path> CameraFolder(const fs::path& folder, int index) {
+  const std::string name = absl::StrCat("cam", index);
+  for (const fs::path& candidate : {folder / "mav0" / name, folder / name, folder}) {
+    if (IsCameraFolder(candidate)) return candidate;
+  }
+  return std::nullopt;
+}
+
+absl::StatusOr<CameraModel> ModelOf(const std::string& path, const YAML::Node& root) {
+  if (root["camera_model"]) {
+    CAIRN_ASSIGN_OR_RETURN(const std::string camera_model, YamlText(path, root, "camera_model"));
+    if (camera_model != "pinhole") {
+      return YamlError(
+          path, root["camera_model"],
+          absl::StrCat("camera_model `", camera_model, "` is not known, only pinhole; give the camera with --camera"));
+    }
+  }
+  if (!root["distortion_model"]) return CameraModel::kPinhole;
+  CAIRN_ASSIGN_OR_RETURN(const std::string name, YamlText(path, root, "distortion_model"));
+  if (name == "radial-tangential" || name == "radtan" || name == "plumb_bob" || name == "rational_polynomial") {
+    return CameraModel::kRadialTangential;
+  }
+  if (name == "equidistant" || name == "kannala-brandt") return CameraModel::kKannalaBrandt;
+  if (name == "fov") return CameraModel::kFov;
+  if (name == "none") return CameraModel::kPinhole;
+  return YamlError(
+      path, root["distortion_model"],
+      absl::StrCat("distortion_model `", name, "` is not one of radial-tangential, equidistant, fov, none"));
+}
+
+absl::StatusOr<std::optional<SE3>> BodyFromCamera(const std::string& path, const YAML::Node& root) {
+  const YAML::Node node = root["T_BS"];
+  if (!node || !node.IsMap() || !node["data"]) return std::optional<SE3>();
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<double> data, YamlNumbers(path, node, "data"));
+  if (data.size() != 16) return YamlError(path, node["data"], "T_BS must have 16 numbers, a 4x4 matrix");
+  const Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> m(data.data());
+  const Matrix3d rotation = m.topLeftCorner<3, 3>();
+  if ((rotation * rotation.transpose() - Matrix3d::Identity()).norm() > 1e-3 || rotation.determinant() < 0) {
+    return YamlError(path, node["data"], "the upper left 3x3 part of T_BS is not a rotation");
+  }
+  return std::optional<SE3>(SE3(rotation, m.topRightCorner<3, 1>()));
+}
+
+absl::Status ReadSensor(const std::string& path, bool with_camera, SequenceFiles& out) {
+  CAIRN_ASSIGN_OR_RETURN(const YAML::Node root, LoadYamlMap(path));
+  CAIRN_ASSIGN_OR_RETURN(out.body_from_camera, BodyFromCamera(path, root));
+  if (root["rate_hz"]) {
+    CAIRN_ASSIGN_OR_RETURN(out.rate_hz, YamlNumber(path, root, "rate_hz"));
+  }
+  if (!with_camera) return absl::OkStatus();
+  Camera& camera = out.camera;
+  CAIRN_ASSIGN_OR_RETURN(camera.model, ModelOf(path, root));
+  CAIRN_RETURN_IF_ERROR(YamlSize(path, root, "resolution", &camera.width_px, &camera.height_px));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<double> intrinsics, YamlNumbers(path, root, "intrinsics"));
+  if (intrinsics.size() != 4) return YamlError(path, root["intrinsics"], "`intrinsics` must be [fu, fv, cu, cv]");
+  camera.fx_px = intrinsics[0];
+  camera.fy_px = intrinsics[1];
+  camera.cx_px = intrinsics[2];
+  camera.cy_px = intrinsics[3];
+  if (camera.model != CameraModel::kPinhole) {
+    CAIRN_ASSIGN_OR_RETURN(camera.distortion, YamlNumbers(path, root, "distortion_coefficients"));
+  }
+  return Annotate(camera.Validate(), path);
+}
+
+absl::StatusOr<std::vector<ListedImage>> ReadList(const fs::path& list) {
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> lines, ReadDataLines(list.string()));
+  std::vector<ListedImage> images;
+  TimeOrder order;
+  for (const TextLine& line : lines) {
+    const std::vector<absl::string_view> fields = SplitFields(line.text);
+    const absl::StatusOr<TimeNs> time_ns = ParseNanoseconds(fields.empty() ? "" : fields[0]);
+    if (!time_ns.ok()) return LineError(list.string(), line.number, time_ns.status().message());
+    CAIRN_RETURN_IF_ERROR(order.Add(*time_ns, list.string(), line.number));
+    const std::string name = fields.size() > 1 ? std::string(fields[1]) : absl::StrCat(fields[0], ".png");
+    images.push_back({*time_ns, (list.parent_path() / "data" / name).string(), 0.0});
+  }
+  if (images.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(list.string(), " lists no images; expected lines of `ns,filename`"));
+  }
+  return images;
+}
+
+}  // namespace
+
+bool LooksLikeEuroc(const fs::path& folder, const OpenOptions& options) {
+  return IsFolder(folder / "mav0") || CameraFolder(folder, options.camera_index).has_value();
+}
+
+absl::StatusOr<SequenceFiles> ReadEuroc(const fs::path& folder, const OpenOptions& options) {
+  const std::optional<fs::path> camera_folder = CameraFolder(folder, options.camera_index);
+  if (!camera_folder) {
+    std::vector<std::string> there;
+    for (int i = 0; i < 16; ++i) {
+      if (CameraFolder(folder, i)) there.push_back(absl::StrCat("cam", i));
+    }
+    return absl::NotFoundError(absl::StrCat(
+        "no camera ", options.camera_index, " in ", folder.string(), ": looked for mav0/cam", options.camera_index,
+        "/data.csv, cam", options.camera_index, "/data.csv and data.csv; ",
+        there.empty() ? "no other camera is there" : absl::StrCat("there is ", absl::StrJoin(there, ", "))));
+  }
+  SequenceFiles out;
+  CAIRN_ASSIGN_OR_RETURN(out.images, ReadList(*camera_folder / "data.csv"));
+  const fs::path sensor = *camera_folder / "sensor.yaml";
+  const bool given = !options.camera_path.empty();
+  if (IsFile(sensor) || !given) CAIRN_RETURN_IF_ERROR(ReadSensor(sensor.string(), !given, out));
+  if (given) {
+    CAIRN_ASSIGN_OR_RETURN(const CameraFile file, LoadCamera(options.camera_path));
+    out.camera = file.camera;
+    if (file.rate_hz > 0.0) out.rate_hz = file.rate_hz;
+  }
+  return out;
+}
+
+}  // namespace cairn::io

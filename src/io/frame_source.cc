@@ -1,0 +1,217 @@
+#include "io/frame_source.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <thread>
+#include <utility>
+
+#include "base/bounded_queue.h"
+#include "io/sequence_readers.h"
+
+namespace cairn::io {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Format {
+  SequenceFormat format;
+  absl::string_view name;
+  absl::string_view looked_for;
+  bool (*looks_like)(const fs::path&, const OpenOptions&);
+  absl::StatusOr<SequenceFiles> (*read)(const fs::path&, const OpenOptions&);
+};
+
+constexpr std::array<Format, 6> kFormats = {{
+    {SequenceFormat::kEuroc, "euroc", "mav0/cam0/data.csv, cam0/data.csv or data.csv with sensor.yaml", LooksLikeEuroc,
+     ReadEuroc},
+    {SequenceFormat::kTumRgbd, "tum_rgbd", "rgb.txt", LooksLikeTumRgbd, ReadTumRgbd},
+    {SequenceFormat::kTumMono, "tum_mono", "times.txt with camera.txt", LooksLikeTumMono, ReadTumMono},
+    {SequenceFormat::kKitti, "kitti", "times.txt with image_0/ and calib.txt", LooksLikeKitti, ReadKitti},
+    {SequenceFormat::kTimes, "times", "times.txt with camera.yaml", LooksLikeTimes, ReadTimes},
+    {SequenceFormat::kImages, "images", "image files, or images/, with camera.yaml", LooksLikeImages, ReadImages},
+}};
+
+absl::StatusOr<const Format*> FindFormat(const fs::path& folder, const OpenOptions& options) {
+  std::string looked_for;
+  for (const Format& format : kFormats) {
+    if (options.format == format.format) return &format;
+    if (options.format == SequenceFormat::kAuto && format.looks_like(folder, options)) return &format;
+    absl::StrAppend(&looked_for, looked_for.empty() ? "" : "; ", format.looked_for, " (", format.name, ")");
+  }
+  return absl::NotFoundError(
+      absl::StrCat(folder.string(), " holds no sequence that is known here; looked for ", looked_for));
+}
+
+double MedianRateHz(const std::vector<ListedImage>& images) {
+  if (images.size() < 2) return 0.0;
+  std::vector<TimeNs> steps;
+  for (std::size_t i = 1; i < images.size(); ++i) steps.push_back(images[i].time_ns - images[i - 1].time_ns);
+  std::nth_element(steps.begin(), steps.begin() + steps.size() / 2, steps.end());
+  return 1.0 / ToSeconds(steps[steps.size() / 2]);
+}
+
+struct SelectedImage {
+  std::int64_t sequence_index;
+  ListedImage image;
+};
+
+absl::StatusOr<std::vector<SelectedImage>> Select(const std::vector<ListedImage>& images, const OpenOptions& options) {
+  std::vector<SelectedImage> selected;
+  const TimeNs first_ns = images.front().time_ns;
+  const TimeNs from_ns = FromSeconds(options.from_s);
+  std::int64_t passed = 0;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const TimeNs since_ns = images[i].time_ns - first_ns;
+    if (since_ns < from_ns) continue;
+    if (options.until_s < 9e9 && since_ns >= FromSeconds(options.until_s)) break;
+    if (passed++ % options.stride == 0) selected.push_back({static_cast<std::int64_t>(i), images[i]});
+  }
+  if (selected.empty()) {
+    return absl::OutOfRangeError(absl::StrCat("no image lies from ", options.from_s, " s until before ",
+                                              options.until_s, " s; the sequence lasts ",
+                                              ToSeconds(images.back().time_ns - first_ns), " s"));
+  }
+  return selected;
+}
+
+// An image that is there and readable must have the calibration's size; a folder without any of its images is no
+// sequence.
+absl::Status CheckFirstImages(const std::vector<SelectedImage>& selected, const Camera& camera) {
+  const cv::Size size(camera.width_px, camera.height_px);
+  for (const SelectedImage& candidate : selected) {
+    if (!IsFile(candidate.image.path)) continue;
+    const absl::Status status = ReadGrayImage(candidate.image.path, size).status();
+    return absl::IsInvalidArgument(status) ? status : absl::OkStatus();
+  }
+  return absl::NotFoundError(absl::StrCat("none of the ", selected.size(), " listed images is there, the first being ",
+                                          selected.front().image.path));
+}
+
+SourceFrame Load(const SelectedImage& selected, std::int64_t index, cv::Size size) {
+  SourceFrame frame;
+  frame.index = index;
+  frame.sequence_index = selected.sequence_index;
+  frame.time_ns = selected.image.time_ns;
+  frame.path = selected.image.path;
+  frame.exposure_s = selected.image.exposure_s;
+  absl::StatusOr<cv::Mat> gray = ReadGrayImage(selected.image.path, size);
+  frame.status = gray.status();
+  if (gray.ok()) frame.gray = *std::move(gray);
+  return frame;
+}
+
+// Images listed in files, decoded ahead by one thread, in order.
+class ListedFrameSource : public FrameSource {
+ public:
+  ListedFrameSource(SourceInfo info, std::vector<SelectedImage> images, int prefetch)
+      : info_(std::move(info)), images_(std::move(images)), queue_(static_cast<std::size_t>(std::max(prefetch, 1))) {
+    if (prefetch > 0) thread_ = std::thread([this] { DecodeAhead(); });
+  }
+  ~ListedFrameSource() override {
+    queue_.Close();
+    if (thread_.joinable()) thread_.join();
+  }
+  ListedFrameSource(const ListedFrameSource&) = delete;
+  ListedFrameSource& operator=(const ListedFrameSource&) = delete;
+
+  const SourceInfo& info() const override { return info_; }
+
+  absl::StatusOr<std::optional<SourceFrame>> Next() override {
+    if (thread_.joinable()) return queue_.Pop();
+    if (next_ == images_.size()) return std::optional<SourceFrame>();
+    SourceFrame frame = LoadAt(next_++);
+    return std::optional<SourceFrame>(std::move(frame));
+  }
+
+ private:
+  SourceFrame LoadAt(std::size_t i) const {
+    return Load(images_[i], static_cast<std::int64_t>(i), {info_.camera.width_px, info_.camera.height_px});
+  }
+  void DecodeAhead() {
+    for (std::size_t i = 0; i < images_.size(); ++i) {
+      if (!queue_.Push(LoadAt(i))) return;
+    }
+    queue_.Close();
+  }
+
+  const SourceInfo info_;
+  const std::vector<SelectedImage> images_;
+  std::size_t next_ = 0;
+  BoundedQueue<SourceFrame> queue_;
+  std::thread thread_;
+};
+
+std::string NameOf(const std::string& path) {
+  std::error_code error;
+  const fs::path whole = fs::weakly_canonical(path, error);
+  return error || whole.filename().empty() ? path : whole.filename().string();
+}
+
+}  // namespace
+
+absl::string_view SequenceFormatName(SequenceFormat format) {
+  for (const Format& known : kFormats) {
+    if (known.format == format) return known.name;
+  }
+  return "auto";
+}
+
+absl::StatusOr<SequenceFormat> SequenceFormatFromName(absl::string_view name) {
+  if (name == "auto") return SequenceFormat::kAuto;
+  std::string names = "auto";
+  for (const Format& known : kFormats) {
+    if (known.name == name) return known.format;
+    absl::StrAppend(&names, ", ", known.name);
+  }
+  return absl::InvalidArgumentError(absl::StrCat("unknown sequence format \"", name, "\"; use one of ", names));
+}
+
+absl::Status OpenOptions::Validate() const {
+  if (!(from_s >= 0.0 && from_s < 9e9)) {
+    return absl::InvalidArgumentError(absl::StrCat("from is ", from_s, " s but must not be negative"));
+  }
+  if (!(until_s > from_s)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("until is ", until_s, " s but must be later than from, ", from_s, " s"));
+  }
+  if (stride < 1) return absl::InvalidArgumentError(absl::StrCat("stride is ", stride, " but must be at least 1"));
+  if (camera_index < 0 || camera_index > 15) {
+    return absl::InvalidArgumentError(absl::StrCat("camera index is ", camera_index, " but must be in 0 to 15"));
+  }
+  if (prefetch < 0 || prefetch > 10000) {
+    return absl::InvalidArgumentError(absl::StrCat("prefetch is ", prefetch, " images but must be in 0 to 10000"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& path, const OpenOptions& options) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  if (!IsFolder(path)) {
+    return absl::NotFoundError(IsFile(path) ? absl::StrCat(path, " is a file; give the folder of the sequence")
+                                            : absl::StrCat("there is no folder ", path));
+  }
+  CAIRN_ASSIGN_OR_RETURN(const Format* const format, FindFormat(path, options));
+  CAIRN_ASSIGN_OR_RETURN(SequenceFiles files, format->read(path, options));
+  CAIRN_RETURN_IF_ERROR(Annotate(files.camera.Validate(), path));
+  if (files.photometric) CAIRN_RETURN_IF_ERROR(Annotate(files.photometric->ValidateFor(files.camera), path));
+  absl::StatusOr<std::vector<SelectedImage>> selected = Select(files.images, options);
+  if (!selected.ok()) return Annotate(selected.status(), path);
+  CAIRN_RETURN_IF_ERROR(CheckFirstImages(*selected, files.camera));
+  SourceInfo info;
+  info.name = NameOf(path);
+  info.format = format->format;
+  info.num_frames = static_cast<std::int64_t>(selected->size());
+  info.camera = files.camera;
+  info.rate_hz = files.rate_hz > 0.0 ? files.rate_hz : MedianRateHz(files.images);
+  info.first_time_ns = selected->front().image.time_ns;
+  info.last_time_ns = selected->back().image.time_ns;
+  info.duration_s = ToSeconds(info.last_time_ns - info.first_time_ns);
+  info.photometric = std::move(files.photometric);
+  info.body_from_camera = files.body_from_camera;
+  return std::unique_ptr<FrameSource>(
+      std::make_unique<ListedFrameSource>(std::move(info), *std::move(selected), options.prefetch));
+}
+
+}  // namespace cairn::io
