@@ -27,7 +27,8 @@ Descriptor FromBytes(const std::uint8_t* bytes) {
 
 // Each level from the one before; empty levels end the pyramid.
 std::vector<cv::Mat> BuildLevels(const cv::Mat& gray, const OrbParameters& parameters) {
-  std::vector<cv::Mat> levels = {gray};
+  // OpenCV's filters look at what surrounds a view into a larger image; the answer must not depend on it.
+  std::vector<cv::Mat> levels = {gray.isSubmatrix() ? gray.clone() : gray};
   for (int octave = 1; octave < parameters.num_levels; ++octave) {
     const double scale = parameters.Scale(octave);
     const cv::Size size(static_cast<int>(std::lround(gray.cols / scale)),
