@@ -1,12 +1,13 @@
-// Photometric odometry with a sliding window of keyframes: a clean-room build of Engel, Koltun and Cremers, "Direct Sparse
-// Odometry" (PAMI 2018), started by two-view geometry and a small bundle adjustment of corners instead of its photometric
-// initializer. It gives the pose of every frame and a packet for every keyframe that leaves its window (Lee and Civera,
-// "Loosely-Coupled Semi-Direct Monocular SLAM", RA-L 2019, Sec. III).
+// Photometric odometry with a sliding window of keyframes: a clean-room build of Engel, Koltun and Cremers, "Direct
+// Sparse Odometry" (PAMI 2018), started by two-view geometry and a small bundle adjustment of corners instead of its
+// photometric initializer. It gives the pose of every frame and a packet for every keyframe that leaves its window (Lee
+// and Civera, "Loosely-Coupled Semi-Direct Monocular SLAM", RA-L 2019, Sec. III).
 //
 // Poses are in frame "direct": the first keyframe of a segment is its origin, the median depth there is 1.
 //
-// One thread: Process() for each frame. Two threads: Track() on one, MapNext() on the other; the two calls may run at the
-// same time, everything else is safe between calls of either. Same input through Process(): same output, to the bit.
+// One thread: Process() for each frame. Two threads: Track() on one, MapNext() on the other; the two calls may run at
+// the same time, everything else is safe between calls of either. Same input through Process(): same output, to the
+// bit.
 #pragma once
 
 #include <cstdint>
@@ -41,7 +42,7 @@ struct OdometryStatistics {
   std::int64_t frames = 0;
   std::int64_t frames_tracked = 0;  // with a pose, counting those tracked after the start
   std::int64_t keyframes = 0;
-  std::int64_t segments = 0;        // starts that succeeded
+  std::int64_t segments = 0;  // starts that succeeded
 };
 
 // A keyframe's best pose so far; final once it has left the window.
@@ -56,16 +57,16 @@ struct KeyframePose {
 
 class Odometry {
  public:
-  // `camera` is that of Frame::image (full resolution, undistorted). InvalidArgument for bad options or a camera without
-  // focal length or smaller than 64 x 48 px.
+  // `camera` is that of Frame::image (full resolution, undistorted). InvalidArgument for bad options or a camera
+  // without focal length or smaller than 64 x 48 px.
   static absl::StatusOr<std::unique_ptr<Odometry>> Create(const OdometryOptions& options, const Pinhole& camera);
   ~Odometry();
   Odometry(const Odometry&) = delete;
   Odometry& operator=(const Odometry&) = delete;
 
   // Track() and then all the mapping it asks for. The result is the best known of this frame after mapping.
-  // InvalidArgument (and nothing changes) for an image that is empty or not of the camera's size and type, or a frame whose
-  // index is not larger than the last one's.
+  // InvalidArgument (and nothing changes) for an image that is empty or not of the camera's size and type, or a frame
+  // whose index is not larger than the last one's.
   absl::StatusOr<FrameResult> Process(const Frame& frame);
 
   // The live pose of one frame, and its hand-over to MapNext(). While the odometry starts, or starts anew, the state is
@@ -79,7 +80,8 @@ class Odometry {
   std::vector<KeyframePacket> TakePackets();
   // The packet of a keyframe that is still in the window; NotFound otherwise.
   absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
-  // Ends the run: the keyframes still in the window become packets (with still_active false). Only reading calls after it.
+  // Ends the run: the keyframes still in the window become packets (with still_active false). Only reading calls after
+  // it.
   void Finish();
 
   // One per accepted frame, in temporal order, with direct_from_camera recomputed from the keyframe's newest pose.

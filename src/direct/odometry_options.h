@@ -13,11 +13,11 @@ struct OdometryOptions {
   int min_level_pixels = 400;
 
   // Window.
-  int max_keyframes = 7;           // in the optimization window
-  int min_keyframes = 5;           // never marginalize below, except for lack of visible points
-  int max_active_points = 1500;    // in the window
+  int max_keyframes = 7;         // in the optimization window
+  int min_keyframes = 5;         // never marginalize below, except for lack of visible points
+  int max_active_points = 1500;  // in the window
   int candidates_per_keyframe = 1200;
-  int max_iterations = 6;          // Gauss-Newton steps per keyframe
+  int max_iterations = 6;  // Gauss-Newton steps per keyframe
 
   // Photometric model, in gray levels of [0, 255].
   double huber_gray = 9.0;
@@ -31,34 +31,34 @@ struct OdometryOptions {
   double gradient_offset_gray = 7.0;
 
   // Tracing and activation.
-  double max_search_share = 0.027;   // of width + height: longest epipolar search
-  double trace_slack_px = 1.5;       // an interval shorter than this is not searched any more
-  double min_trace_quality = 3.0;    // second-best over best energy
+  double max_search_share = 0.027;        // of width + height: longest epipolar search
+  double trace_slack_px = 1.5;            // an interval shorter than this is not searched any more
+  double min_trace_quality = 3.0;         // second-best over best energy
   double min_activation_hessian = 100.0;  // information of the inverse depth needed to activate a point
   double min_marginalization_hessian = 50.0;
 
   // Keyframe decision (DSO Sec. 3.1: weighted optical flow with and without rotation, brightness change).
-  double keyframe_weight = 1.0;               // scales the flow terms: larger makes more keyframes
-  double keyframe_flow_weight = 0.04;         // per pixel of (640 + 480)-normalized translational flow
-  double keyframe_full_flow_weight = 0.02;    // the same of the full flow
-  double keyframe_affine_weight = 2.0;        // per unit of |log gain|
-  double keyframe_residual_ratio = 2.0;       // of the root mean square residual against the keyframe's first
-  double min_visible_share = 0.05;            // marginalize a keyframe with fewer of its points visible in the newest
-  double max_affine_change = 0.7;             // marginalize a keyframe with |log gain| to the newest beyond
+  double keyframe_weight = 1.0;             // scales the flow terms: larger makes more keyframes
+  double keyframe_flow_weight = 0.04;       // per pixel of (640 + 480)-normalized translational flow
+  double keyframe_full_flow_weight = 0.02;  // the same of the full flow
+  double keyframe_affine_weight = 2.0;      // per unit of |log gain|
+  double keyframe_residual_ratio = 2.0;     // of the root mean square residual against the keyframe's first
+  double min_visible_share = 0.05;          // marginalize a keyframe with fewer of its points visible in the newest
+  double max_affine_change = 0.7;           // marginalize a keyframe with |log gain| to the newest beyond
 
   // Tracking.
   double coarse_cutoff_gray = 20.0;
-  double lost_residual_gray = 30.0;     // root mean square residual (clamped at the cutoff per pixel) that is hopeless
-  double min_tracked_share = 0.25;      // of reference points inside the image and below the cutoff
-  int max_lost_frames = 30;             // after as many frames a new segment starts
+  double lost_residual_gray = 30.0;  // root mean square residual (clamped at the cutoff per pixel) that is hopeless
+  double min_tracked_share = 0.25;   // of reference points inside the image and below the cutoff
+  int max_lost_frames = 30;          // after as many frames a new segment starts
 
   // Start.
   int start_features = 500;
-  double start_min_parallax_deg = 1.0;      // median angle between the rays of matched corners, rotation removed
-  double start_max_reprojection_px = 1.0;   // root mean square after bundle adjustment, at full resolution
+  double start_min_parallax_deg = 1.0;     // median angle between the rays of matched corners, rotation removed
+  double start_max_reprojection_px = 1.0;  // root mean square after bundle adjustment, at full resolution
   double start_min_inlier_share = 0.7;
   int start_min_features = 60;
-  int max_retained_frames = 150;            // images kept to be tracked once the start succeeds
+  int max_retained_frames = 150;  // images kept to be tracked once the start succeeds
 
   absl::Status Validate() const;
 };

@@ -4,10 +4,9 @@
 
 #include <cstdint>
 #include <memory>
+#include <opencv2/core.hpp>
 #include <string>
 #include <vector>
-
-#include <opencv2/core.hpp>
 
 #include "base/time.h"
 #include "geometry/pinhole.h"
@@ -19,9 +18,9 @@ namespace cairn::direct {
 struct Frame {
   std::int64_t index = 0;  // position in the sequence
   TimeNs time_ns = 0;
-  cv::Mat image;           // CV_8UC1, undistorted, photometrically uncorrected, full resolution
-  cv::Mat irradiance;      // CV_32FC1, same size, photometrically corrected to the range [0, 255]; empty: use `image`
-  double exposure_s = 0.0; // 0: unknown
+  cv::Mat image;            // CV_8UC1, undistorted, photometrically uncorrected, full resolution
+  cv::Mat irradiance;       // CV_32FC1, same size, photometrically corrected to the range [0, 255]; empty: use `image`
+  double exposure_s = 0.0;  // 0: unknown
 };
 
 // A point of the direct map as seen in the packet's keyframe.
@@ -34,8 +33,8 @@ struct PacketPoint {
 
 // A keyframe whose pose the direct module no longer changes (or, if `still_active`, its best estimate so far).
 struct KeyframePacket {
-  std::int64_t keyframe = 0;     // counts the direct keyframes from 0, in temporal order
-  std::int64_t segment = 0;      // counts the starts of the odometry; poses of two segments share no frame
+  std::int64_t keyframe = 0;  // counts the direct keyframes from 0, in temporal order
+  std::int64_t segment = 0;   // counts the starts of the odometry; poses of two segments share no frame
   Frame frame;
   SE3 direct_from_camera;
   std::vector<PacketPoint> points;  // active and marginalized points inside the image
@@ -50,11 +49,11 @@ struct FrameResult {
   std::int64_t index = 0;
   TimeNs time_ns = 0;
   TrackingState state = TrackingState::kInitializing;
-  std::int64_t keyframe = -1;     // the reference keyframe; -1 while there is none
+  std::int64_t keyframe = -1;  // the reference keyframe; -1 while there is none
   SE3 keyframe_from_camera;
-  SE3 direct_from_camera;         // the live estimate
-  double quality = 0.0;           // 0 (lost) to 1: share of the reference's points that match well
-  std::string message;            // while not tracking: what it waits for
+  SE3 direct_from_camera;  // the live estimate
+  double quality = 0.0;    // 0 (lost) to 1: share of the reference's points that match well
+  std::string message;     // while not tracking: what it waits for
 };
 
 }  // namespace cairn::direct

@@ -1,0 +1,76 @@
+// Coarse-to-fine direct image alignment of a new frame against the newest keyframe with the depths of all active points
+// (DSO Sec. 3.1), with several motion hypotheses.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "direct/image_pyramid.h"
+#include "direct/tracking_kernel.h"
+#include "geometry/se3.h"
+
+namespace cairn::direct {
+
+// Brightness transfer of a frame: I = exposure * e^a * irradiance + b.
+struct AffineLight {
+  double a = 0.0;
+  double b = 0.0;
+};
+
+// A point as the reference is built from: pixel of level 0 in the reference keyframe.
+struct ReferencePoint {
+  float x = 0.0f;
+  float y = 0.0f;
+  float inverse_depth = 0.0f;
+  float weight = 0.0f;  // relative information
+};
+
+// What frames are tracked against. Immutable once built, shared between threads.
+struct TrackingReference {
+  std::int64_t keyframe = -1;
+  AffineLight light;
+  double exposure_s = 0.0;
+  struct Level {
+    int count = 0;                                  // without padding
+    std::vector<float> x, y, inverse_depth, color;  // padded to a multiple of 8
+  };
+  Level level[kMaxLevels];
+};
+
+struct TrackingOutcome {
+  bool converged = false;  // plausible on every level
+  SE3 new_from_reference;
+  AffineLight light;                 // of the new frame
+  double rms_gray = 0.0;             // of level 0, per visible point, clamped at the cutoff
+  double visible_share = 0.0;        // of the reference points on level 0
+  double good_share = 0.0;           // of the reference points on level 0: visible and below the cutoff
+  double flow_px = 0.0;              // root mean square motion of the points on level 0
+  double translation_flow_px = 0.0;  // the same without the rotation
+};
+
+class CoarseTracker {
+ public:
+  CoarseTracker(const PyramidGeometry& geometry, double huber_gray, double cutoff_gray);
+
+  // Fills `reference` (levels only) from points in the keyframe's image.
+  void BuildReference(const ImagePyramid& image, const std::vector<ReferencePoint>& points,
+                      TrackingReference* reference);
+
+  // Aligns from one hypothesis. Gives up early (converged false) where a level ends above `give_up_rms[level]`, entries
+  // of 0 never give up; on return `level_rms` has what each level reached.
+  TrackingOutcome Align(const TrackingReference& reference, const ImagePyramid& image, double exposure_s,
+                        const SE3& guess, const AffineLight& light, const double* give_up_rms, double* level_rms) const;
+
+ private:
+  void Flow(const TrackingReference& reference, TrackingOutcome* outcome) const;
+
+  PyramidGeometry geometry_;
+  float huber_;
+  float cutoff_;
+  TrackingKernel kernel_;
+  std::vector<float> depth_[kMaxLevels];
+  std::vector<float> weight_[kMaxLevels];
+  std::vector<float> weight_copy_;
+};
+
+}  // namespace cairn::direct

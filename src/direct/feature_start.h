@@ -1,0 +1,60 @@
+// The start of the odometry: corners are followed by pyramidal Lucas-Kanade from a reference frame until two-view
+// geometry and a bundle adjustment over the frames between agree on a motion with enough parallax. A photometric start,
+// as in DSO Sec. 3.1, converges to wrong depths when the motion is small and mostly a rotation; this one waits instead.
+//
+// Degenerate motion (still camera, pure rotation) shows as lack of parallax after the best rotation is taken out. A
+// scene that one homography explains has two essential matrices; both homography decompositions are tried and the start
+// waits until the views tell them apart.
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+#include "direct/odometry_options.h"
+#include "direct/packet.h"
+#include "geometry/pinhole.h"
+#include "geometry/se3.h"
+
+namespace cairn::direct {
+
+struct StartResult {
+  bool success = false;
+  bool new_reference = false;  // corners were lost: this frame is the new reference
+  std::string message;         // what it waits for
+  // On success: one pose per frame added since and with the reference (identity first); the median inverse depth is 1.
+  std::vector<SE3> camera_from_reference;
+  std::vector<Vector2d> reference_px;  // of the corners used, full resolution
+  std::vector<double> inverse_depth;
+  double parallax_rad = 0.0;
+  double rms_px = 0.0;
+};
+
+class FeatureStart {
+ public:
+  FeatureStart(const OdometryOptions& options, const Pinhole& camera);
+
+  // Forgets everything: the next frame becomes the reference.
+  void Reset();
+  StartResult Add(const Frame& frame);
+  // Frames since and with the reference.
+  int FrameCount() const { return static_cast<int>(tracks_.size()); }
+
+ private:
+  void SetReference(const cv::Mat& gray);
+  bool Follow(const cv::Mat& gray);
+  StartResult Solve();
+  bool Reconstruct(const SE3& pose, const std::vector<int>& alive, const std::vector<int>& views, StartResult* result,
+                   double* cost);
+
+  OdometryOptions options_;
+  Pinhole camera_;
+  std::vector<cv::Mat> reference_pyramid_;
+  std::vector<cv::Mat> last_pyramid_;
+  std::vector<bool> alive_;
+  std::vector<std::vector<cv::Point2f>> tracks_;  // [frame since reference][corner]
+  int first_count_ = 0;
+  double last_attempt_parallax_rad_ = 0.0;
+};
+
+}  // namespace cairn::direct

@@ -1,0 +1,255 @@
+#include "direct/odometry.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+#include "direct/odometry_impl.h"
+
+namespace cairn::direct {
+namespace {
+
+WindowOptions MakeWindowOptions(const OdometryOptions& options) {
+  WindowOptions window;
+  window.huber_gray = options.huber_gray;
+  window.outlier_gray = options.outlier_gray;
+  window.outlier_median_factor = options.outlier_median_factor;
+  window.affine_a_sigma = options.affine_a_sigma;
+  window.affine_b_sigma_gray = options.affine_b_sigma_gray;
+  window.min_marginalization_hessian = options.min_marginalization_hessian;
+  return window;
+}
+
+}  // namespace
+
+Odometry::Impl::Timer::~Timer() {
+  const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin_).count();
+  std::lock_guard lock(impl_->mutex_);
+  ++stage_->calls;
+  stage_->total_ms += ms;
+  stage_->max_ms = std::max(stage_->max_ms, ms);
+  stage_->samples_ms.push_back(static_cast<float>(ms));
+}
+
+Odometry::Impl::Impl(const OdometryOptions& options, const Pinhole& camera)
+    : options_(options),
+      camera_(camera),
+      geometry_(
+          PyramidGeometry::Make(camera, options.full_resolution, options.max_pyramid_levels, options.min_level_pixels)),
+      tracker_(geometry_, options.huber_gray, options.coarse_cutoff_gray),
+      window_(geometry_, MakeWindowOptions(options)),
+      reference_builder_(geometry_, options.huber_gray, options.coarse_cutoff_gray),
+      start_(options, camera) {
+  trace_options_.max_search_px =
+      options.max_search_share * (geometry_.camera[0].width_px + geometry_.camera[0].height_px);
+  trace_options_.slack_px = options.trace_slack_px;
+  trace_options_.huber_gray = options.huber_gray;
+}
+
+absl::Status Odometry::Impl::CheckFrame(const Frame& frame) const {
+  const auto describe = [](const cv::Mat& image) {
+    return absl::StrFormat("%d x %d px with %d channels of OpenCV depth %d", image.cols, image.rows, image.channels(),
+                           image.depth());
+  };
+  if (frame.image.empty()) {
+    return absl::InvalidArgumentError(absl::StrFormat("frame %d has an empty image", frame.index));
+  }
+  const cv::Size size(camera_.width_px, camera_.height_px);
+  if (frame.image.size() != size || frame.image.type() != CV_8UC1) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("the image of frame %d is %s; the camera needs 8-bit gray of %d x %d px", frame.index,
+                        describe(frame.image), size.width, size.height));
+  }
+  if (!frame.irradiance.empty() && (frame.irradiance.size() != size || frame.irradiance.type() != CV_32FC1)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("the irradiance of frame %d is %s; the camera needs 32-bit float of %d x %d px", frame.index,
+                        describe(frame.irradiance), size.width, size.height));
+  }
+  std::lock_guard lock(mutex_);
+  if (finished_) return absl::FailedPreconditionError("the odometry is finished; no more frames");
+  if (!results_.empty() && frame.index <= results_.back().index) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("frame %d comes after frame %d: indices must grow", frame.index, results_.back().index));
+  }
+  return absl::OkStatus();
+}
+
+// Pyramids are large: one that nobody reads any more is used again.
+std::shared_ptr<FrameData> Odometry::Impl::NewFrameData(const Frame& frame) {
+  std::shared_ptr<FrameData> data;
+  {
+    std::lock_guard lock(mutex_);
+    for (const auto& candidate : pool_) {
+      if (candidate.use_count() == 1) {
+        data = candidate;
+        break;
+      }
+    }
+    if (!data) {
+      data = std::make_shared<FrameData>();
+      pool_.push_back(data);
+    }
+  }
+  data->frame = frame;
+  const Timer timer(this, &statistics_.pyramid);
+  data->pyramid.Build(frame, geometry_);
+  return data;
+}
+
+SE3 Odometry::Impl::DirectFromCamera(const FrameResult& result) const {
+  if (result.keyframe < 0) return result.direct_from_camera;
+  return keyframes_[static_cast<std::size_t>(result.keyframe)].direct_from_camera * result.keyframe_from_camera;
+}
+
+FrameResult Odometry::Impl::Result(std::size_t position) const {
+  std::lock_guard lock(mutex_);
+  FrameResult result = results_[position];
+  result.direct_from_camera = DirectFromCamera(result);
+  if (result.state == TrackingState::kInitializing) result.message = start_message_;
+  return result;
+}
+
+std::vector<FrameResult> Odometry::Impl::FrameResults() const {
+  std::lock_guard lock(mutex_);
+  std::vector<FrameResult> results = results_;
+  for (FrameResult& result : results) result.direct_from_camera = DirectFromCamera(result);
+  return results;
+}
+
+std::vector<KeyframePose> Odometry::Impl::KeyframeTrajectory() const {
+  std::lock_guard lock(mutex_);
+  return keyframes_;
+}
+
+OdometryStatistics Odometry::Impl::Statistics() const {
+  std::lock_guard lock(mutex_);
+  OdometryStatistics statistics = statistics_;
+  statistics.frames = static_cast<std::int64_t>(results_.size());
+  statistics.keyframes = static_cast<std::int64_t>(keyframes_.size());
+  statistics.frames_tracked =
+      std::count_if(results_.begin(), results_.end(), [](const FrameResult& r) { return r.keyframe >= 0; });
+  return statistics;
+}
+
+int Odometry::Impl::PendingFrames() const {
+  std::lock_guard lock(mutex_);
+  return static_cast<int>(jobs_.size());
+}
+
+std::vector<KeyframePacket> Odometry::Impl::TakePackets() {
+  std::lock_guard lock(mutex_);
+  std::vector<KeyframePacket> packets(std::make_move_iterator(packets_.begin()),
+                                      std::make_move_iterator(packets_.end()));
+  packets_.clear();
+  return packets;
+}
+
+absl::StatusOr<KeyframePacket> Odometry::Impl::PacketOf(std::int64_t keyframe) const {
+  std::lock_guard lock(mutex_);
+  for (const KeyframePacket& packet : active_packets_) {
+    if (packet.keyframe == keyframe) return packet;
+  }
+  return absl::NotFoundError(absl::StrFormat("direct keyframe %d is not in the window", keyframe));
+}
+
+double Odometry::Impl::KeyframeRateHz() const {
+  // Over the last ten keyframes of the segment.
+  const std::size_t n = keyframes_.size();
+  std::size_t first = n > 10 ? n - 10 : 0;
+  while (first < n && keyframes_[first].segment != keyframes_.back().segment) ++first;
+  if (n < first + 2) return 0.0;
+  const double seconds = ToSeconds(keyframes_.back().time_ns - keyframes_[first].time_ns);
+  return seconds > 0.0 ? static_cast<double>(n - 1 - first) / seconds : 0.0;
+}
+
+// Every settled and active point of the window that projects into the keyframe. Call with mutex_ held.
+KeyframePacket Odometry::Impl::MakePacket(const Keyframe& keyframe, bool still_active) const {
+  KeyframePacket packet;
+  packet.keyframe = keyframe.id;
+  packet.segment = keyframe.segment;
+  packet.frame = keyframe.data->frame;
+  packet.direct_from_camera = keyframe.camera_from_direct.Inverse();
+  packet.keyframe_rate_hz = KeyframeRateHz();
+  packet.still_active = still_active;
+  const Pinhole& camera = geometry_.camera[0];
+  const auto add = [&](const SE3& keyframe_from_host, float x, float y, float inverse_depth, float hessian) {
+    if (!(hessian > 0.0f) || !(inverse_depth > 0.0f)) return;
+    const Vector3d moved = keyframe_from_host.rotation() * camera.Unproject(Vector2d(x, y)) +
+                           static_cast<double>(inverse_depth) * keyframe_from_host.translation();
+    if (moved.z() < 1e-3) return;
+    const Vector2d pixel = camera.Project(moved);
+    if (!camera.Contains(pixel, 1.0)) return;
+    // Inverse depth in the keyframe is id / z; its derivative by id follows from z = r3 ray + id t3.
+    const double ratio = 1.0 / moved.z();
+    const double derivative = ratio - inverse_depth * ratio * ratio * keyframe_from_host.translation().z();
+    PacketPoint point;
+    const double scale = geometry_.half ? 2.0 : 1.0, offset = geometry_.half ? 0.5 : 0.0;
+    point.x_px = static_cast<float>(scale * pixel.x() + offset);
+    point.y_px = static_cast<float>(scale * pixel.y() + offset);
+    point.inverse_depth = static_cast<float>(inverse_depth * ratio);
+    point.variance = static_cast<float>(derivative * derivative / static_cast<double>(hessian));
+    packet.points.push_back(point);
+  };
+  for (int h = 0; h < window_.size(); ++h) {
+    const Keyframe& host = window_.keyframe(h);
+    const SE3 keyframe_from_host =
+        &host == &keyframe ? SE3() : keyframe.camera_from_direct * host.camera_from_direct.Inverse();
+    for (const SettledPoint& p : host.settled) add(keyframe_from_host, p.x, p.y, p.inverse_depth, p.hessian);
+    for (const ActivePoint& p : window_.points()) {
+      if (p.host == h) add(keyframe_from_host, p.x, p.y, p.inverse_depth, p.hessian);
+    }
+  }
+  return packet;
+}
+
+void Odometry::Impl::PublishPoses() {
+  std::lock_guard lock(mutex_);
+  for (int k = 0; k < window_.size(); ++k) {
+    const Keyframe& keyframe = window_.keyframe(k);
+    keyframes_[static_cast<std::size_t>(keyframe.id)].direct_from_camera = keyframe.camera_from_direct.Inverse();
+  }
+}
+
+void Odometry::Impl::Finish() {
+  while (MapNext()) {
+  }
+  FlushWindow();
+  std::lock_guard lock(mutex_);
+  finished_ = true;
+}
+
+Odometry::Odometry(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Odometry::~Odometry() = default;
+
+absl::StatusOr<std::unique_ptr<Odometry>> Odometry::Create(const OdometryOptions& options, const Pinhole& camera) {
+  const absl::Status status = options.Validate();
+  if (!status.ok()) return status;
+  if (camera.width_px < 64 || camera.height_px < 48 || !(camera.fx_px > 0.0) || !(camera.fy_px > 0.0)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "the odometry needs a camera of at least 64 x 48 px with positive focal lengths, not %d x %d px with "
+        "%g and %g px",
+        camera.width_px, camera.height_px, camera.fx_px, camera.fy_px));
+  }
+  return std::unique_ptr<Odometry>(new Odometry(std::make_unique<Impl>(options, camera)));
+}
+
+absl::StatusOr<FrameResult> Odometry::Process(const Frame& frame) {
+  absl::StatusOr<FrameResult> tracked = impl_->Track(frame);
+  if (!tracked.ok()) return tracked;
+  const std::size_t position = impl_->FrameCount() - 1;
+  while (impl_->MapNext()) {
+  }
+  return impl_->Result(position);
+}
+
+absl::StatusOr<FrameResult> Odometry::Track(const Frame& frame) { return impl_->Track(frame); }
+bool Odometry::MapNext() { return impl_->MapNext(); }
+int Odometry::PendingFrames() const { return impl_->PendingFrames(); }
+std::vector<KeyframePacket> Odometry::TakePackets() { return impl_->TakePackets(); }
+absl::StatusOr<KeyframePacket> Odometry::PacketOf(std::int64_t keyframe) const { return impl_->PacketOf(keyframe); }
+void Odometry::Finish() { impl_->Finish(); }
+std::vector<FrameResult> Odometry::FrameResults() const { return impl_->FrameResults(); }
+std::vector<KeyframePose> Odometry::KeyframeTrajectory() const { return impl_->KeyframeTrajectory(); }
+OdometryStatistics Odometry::Statistics() const { return impl_->Statistics(); }
+
+}  // namespace cairn::direct

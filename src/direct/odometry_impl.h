@@ -1,0 +1,153 @@
+// The state of Odometry. Files: odometry.cc (interface, results, packets), odometry_tracking.cc (poses of frames),
+// odometry_mapping.cc (keyframes), odometry_start.cc (first keyframes).
+#pragma once
+
+#include <chrono>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "direct/coarse_tracker.h"
+#include "direct/feature_start.h"
+#include "direct/keyframe.h"
+#include "direct/odometry.h"
+#include "direct/pixel_selector.h"
+#include "direct/point_tracer.h"
+#include "direct/spacing_grid.h"
+#include "direct/window.h"
+
+namespace cairn::direct {
+
+class Odometry::Impl {
+ public:
+  Impl(const OdometryOptions& options, const Pinhole& camera);
+
+  absl::StatusOr<FrameResult> Track(const Frame& frame);
+  bool MapNext();
+  int PendingFrames() const;
+  FrameResult Result(std::size_t position) const;
+  std::size_t FrameCount() const {
+    std::lock_guard lock(mutex_);
+    return results_.size();
+  }
+  std::vector<KeyframePacket> TakePackets();
+  absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
+  void Finish();
+  std::vector<FrameResult> FrameResults() const;
+  std::vector<KeyframePose> KeyframeTrajectory() const;
+  OdometryStatistics Statistics() const;
+
+ private:
+  enum class Mode { kStarting, kTracking };
+
+  struct Job {
+    Frame frame;                            // of an untracked frame
+    std::shared_ptr<const FrameData> data;  // of a tracked one
+    std::size_t position = 0;               // in results_
+    bool keyframe = false;
+    bool restart = false;  // tracking gave up: start a new segment
+    std::int64_t reference = -1;
+    SE3 keyframe_from_camera;
+    AffineLight light;
+  };
+
+  struct Retained {
+    Frame frame;
+    std::size_t position = 0;
+  };
+
+  // A stage's clock: adds to its statistics when it goes.
+  class Timer {
+   public:
+    Timer(Impl* impl, StageTime* stage) : impl_(impl), stage_(stage), begin_(std::chrono::steady_clock::now()) {}
+    ~Timer();
+
+   private:
+    Impl* impl_;
+    StageTime* stage_;
+    std::chrono::steady_clock::time_point begin_;
+  };
+
+  // odometry.cc
+  absl::Status CheckFrame(const Frame& frame) const;
+  std::shared_ptr<FrameData> NewFrameData(const Frame& frame);
+  SE3 DirectFromCamera(const FrameResult& result) const;  // mutex_ held
+  KeyframePacket MakePacket(const Keyframe& keyframe, bool still_active) const;
+  double KeyframeRateHz() const;
+  void PublishPoses();  // keyframe poses and packets' order, takes mutex_
+
+  // odometry_tracking.cc
+  FrameResult TrackFrame(const Frame& frame, std::size_t position, Job* job);
+  std::vector<SE3> Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide) const;
+  bool AlignBest(const TrackingReference& reference, const FrameData& data, const std::vector<SE3>& guesses,
+                 double expected_rms, TrackingOutcome* best) const;
+  bool Plausible(const TrackingReference& reference, const TrackingOutcome& outcome) const;
+  double Quality(const TrackingOutcome& outcome) const;
+  bool NeedsKeyframe(const TrackingReference& reference, const TrackingOutcome& outcome);
+
+  // odometry_mapping.cc
+  void TraceFrame(const FrameData& data, const SE3& camera_from_direct, const AffineLight& light);
+  void MakeKeyframe(const Job& job);
+  void ActivatePoints(const std::vector<bool>& goes);
+  std::vector<bool> ChooseMarginalized() const;
+  void Marginalize(const std::vector<bool>& goes);
+  void SelectCandidates(Keyframe* keyframe);
+  std::shared_ptr<const TrackingReference> BuildReference(int index);
+  void SetReference(std::shared_ptr<const TrackingReference> reference);
+  SE3 KeyframePoseOf(std::int64_t id) const;
+  void FlushWindow();
+
+  // odometry_start.cc
+  void AddToStart(const Job& job);
+  bool BuildFirstWindow(const StartResult& start, std::size_t reference_at, std::string* message);
+  AffineLight MatchLight(const StartResult& start, const ImagePyramid& reference, const ImagePyramid& view,
+                         const SE3& view_from_reference) const;
+  void RetrackRetained(const StartResult& start, std::size_t reference_at);
+  void StoreRetracked(std::size_t position, std::int64_t keyframe, const SE3& keyframe_from_camera, double quality);
+
+  const OdometryOptions options_;
+  const Pinhole camera_;
+  const PyramidGeometry geometry_;
+  TraceOptions trace_options_;
+
+  // Shared between Track() and MapNext().
+  mutable std::mutex mutex_;
+  Mode mode_ = Mode::kStarting;
+  std::deque<Job> jobs_;
+  int untracked_jobs_ = 0;
+  bool keyframe_queued_ = false;
+  std::vector<FrameResult> results_;
+  std::vector<KeyframePose> keyframes_;
+  std::vector<std::shared_ptr<const TrackingReference>> references_;  // newest last
+  std::deque<KeyframePacket> packets_;
+  std::vector<KeyframePacket> active_packets_;  // of the keyframes in the window, as of the last keyframe
+  OdometryStatistics statistics_;
+  std::string start_message_ = "waiting for the first frame";
+  std::vector<std::shared_ptr<FrameData>> pool_;
+  bool finished_ = false;
+
+  // Tracking; whoever tracks holds track_mutex_.
+  mutable std::mutex track_mutex_;
+  CoarseTracker tracker_;
+  std::int64_t first_rms_reference_ = -1;
+  double first_rms_ = 0.0;
+  double last_rms_ = 0.0;
+  int lost_frames_ = 0;
+  AffineLight last_light_;
+
+  // Mapping only.
+  Window window_;
+  CoarseTracker reference_builder_;
+  PixelSelector selector_;
+  SpacingGrid spacing_;
+  double spacing_px_ = 4.0;
+  std::int64_t segment_ = 0;
+  FeatureStart start_;
+  std::deque<Retained> retained_;
+  std::size_t start_reference_ = 0;  // in retained_
+  std::vector<SelectedPixel> selected_;
+};
+
+}  // namespace cairn::direct

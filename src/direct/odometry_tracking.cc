@@ -1,0 +1,212 @@
+// The pose of every frame: motion hypotheses, plausibility, loss, and the decision to make a keyframe.
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+#include "direct/odometry_impl.h"
+
+namespace cairn::direct {
+namespace {
+
+constexpr double kRotationStepRad = 0.02;
+constexpr double kGoodEnoughRmsRatio = 1.5;  // against the last frame: further hypotheses are not tried
+constexpr double kMaxLogGain = 1.2;          // against the reference; a black image fits any gain
+constexpr double kMaxVelocityRatio = 5.0;    // a gap is bridged by at most as many times the last motion
+constexpr std::size_t kMaxReferences = 4;    // tried when lost
+
+SE3 Scaled(const SE3& motion, double factor) { return SE3::Exp(factor * motion.Log()); }
+
+}  // namespace
+
+absl::StatusOr<FrameResult> Odometry::Impl::Track(const Frame& frame) {
+  const absl::Status status = CheckFrame(frame);
+  if (!status.ok()) return status;
+  const std::lock_guard track_lock(track_mutex_);
+  FrameResult result;
+  result.index = frame.index;
+  result.time_ns = frame.time_ns;
+  std::size_t position;
+  bool starting;
+  {
+    std::lock_guard lock(mutex_);
+    position = results_.size();
+    results_.push_back(result);
+    starting = mode_ == Mode::kStarting || untracked_jobs_ > 0;
+    if (starting) {
+      results_.back().message = start_message_;
+      result.message = start_message_;
+      ++untracked_jobs_;
+      Job job;
+      job.frame = frame;
+      job.position = position;
+      jobs_.push_back(std::move(job));
+    }
+  }
+  if (starting) return result;
+  Job job;
+  result = TrackFrame(frame, position, &job);
+  std::lock_guard lock(mutex_);
+  if (job.data || job.restart) {
+    if (job.restart) mode_ = Mode::kStarting, ++untracked_jobs_;
+    keyframe_queued_ |= job.keyframe;
+    jobs_.push_back(std::move(job));
+  }
+  return result;
+}
+
+// Constant velocity (scaled by the time between the frames), its half and double, no motion, none since the keyframe,
+// then small rotations about all of their combinations.
+std::vector<SE3> Odometry::Impl::Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide) const {
+  std::lock_guard lock(mutex_);
+  const SE3 reference_from_direct =
+      keyframes_[static_cast<std::size_t>(reference.keyframe)].direct_from_camera.Inverse();
+  const FrameResult* last = nullptr;
+  const FrameResult* before = nullptr;
+  for (auto it = results_.rbegin(); it != results_.rend() && before == nullptr; ++it) {
+    if (it->keyframe < 0) {
+      if (last != nullptr) break;
+      continue;
+    }
+    if (keyframes_[static_cast<std::size_t>(it->keyframe)].segment !=
+        keyframes_[static_cast<std::size_t>(reference.keyframe)].segment) {
+      break;
+    }
+    (last == nullptr ? last : before) = &*it;
+  }
+  std::vector<SE3> guesses;
+  if (last != nullptr) {
+    const SE3 last_from_reference = (reference_from_direct * DirectFromCamera(*last)).Inverse();
+    SE3 motion;
+    if (before != nullptr) {
+      const double step_s = ToSeconds(last->time_ns - before->time_ns), now_s = ToSeconds(time_ns - last->time_ns);
+      const double ratio = step_s > 0.0 && now_s > 0.0 ? std::min(now_s / step_s, kMaxVelocityRatio) : 1.0;
+      motion = Scaled(DirectFromCamera(*last).Inverse() * DirectFromCamera(*before), ratio);
+    }
+    const SE3 predicted = motion * last_from_reference;
+    guesses.push_back(predicted);
+    guesses.push_back(Scaled(motion, 0.5) * last_from_reference);
+    guesses.push_back(motion * predicted);
+    guesses.push_back(last_from_reference);
+    guesses.emplace_back();
+    const int rings = wide ? 3 : 1;
+    for (int ring = 1; ring <= rings; ++ring) {
+      for (int code = 0; code < 27; ++code) {
+        const Vector3d turn(code % 3 - 1, (code / 3) % 3 - 1, code / 9 - 1);
+        if (turn.squaredNorm() < 0.5) continue;
+        const SE3 turned(ExpSO3(kRotationStepRad * ring * turn), Vector3d::Zero());
+        guesses.push_back(turned * (wide ? last_from_reference : predicted));
+      }
+    }
+  } else {
+    guesses.emplace_back();
+  }
+  return guesses;
+}
+
+bool Odometry::Impl::Plausible(const TrackingReference& reference, const TrackingOutcome& outcome) const {
+  if (!outcome.converged || !outcome.new_from_reference.translation().allFinite()) return false;
+  if (std::abs(outcome.light.a - reference.light.a) > kMaxLogGain) return false;
+  return outcome.good_share >= 0.5 * options_.min_tracked_share && Quality(outcome) >= options_.min_tracked_share;
+}
+
+// Share of the points in view that match.
+double Odometry::Impl::Quality(const TrackingOutcome& outcome) const {
+  if (outcome.visible_share <= 0.0) return 0.0;
+  return std::clamp(outcome.good_share / outcome.visible_share, 0.0, 1.0);
+}
+
+bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameData& data,
+                               const std::vector<SE3>& guesses, double expected_rms, TrackingOutcome* best) const {
+  double best_rms[kMaxLevels] = {};  // 0: not reached yet
+  double give_up[kMaxLevels] = {};
+  bool any = false;
+  for (const SE3& guess : guesses) {
+    double rms[kMaxLevels] = {};
+    const TrackingOutcome outcome =
+        tracker_.Align(reference, data.pyramid, data.frame.exposure_s, guess, last_light_, give_up, rms);
+    if (Plausible(reference, outcome) && (!any || outcome.rms_gray < best->rms_gray)) {
+      *best = outcome;
+      any = true;
+      for (int level = 0; level < geometry_.levels; ++level) best_rms[level] = rms[level];
+    }
+    for (int level = 0; level < geometry_.levels; ++level) {
+      give_up[level] = any ? kGoodEnoughRmsRatio * best_rms[level] : 0.0;
+    }
+    if (any && (expected_rms <= 0.0 || best->rms_gray < kGoodEnoughRmsRatio * expected_rms)) break;
+  }
+  return any;
+}
+
+FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position, Job* job) {
+  const Timer timer(this, &statistics_.track);
+  std::shared_ptr<FrameData> data = NewFrameData(frame);
+  std::vector<std::shared_ptr<const TrackingReference>> references;
+  {
+    std::lock_guard lock(mutex_);
+    references = references_;
+  }
+  FrameResult result;
+  result.index = frame.index;
+  result.time_ns = frame.time_ns;
+  TrackingOutcome outcome;
+  std::shared_ptr<const TrackingReference> reference = references.back();
+  const bool was_lost = lost_frames_ > 0;
+  bool found = AlignBest(*reference, *data, Hypotheses(*reference, frame.time_ns, was_lost), was_lost ? 0.0 : last_rms_,
+                         &outcome);
+  for (auto it = references.rbegin() + 1; !found && it != references.rend(); ++it) {
+    found = AlignBest(**it, *data, Hypotheses(**it, frame.time_ns, true), 0.0, &outcome);
+    if (found) reference = *it;
+  }
+  if (!found) {
+    result.state = TrackingState::kLost;
+    ++lost_frames_;
+    result.message = absl::StrFormat("lost for %d frames: no motion explains the image", lost_frames_);
+    if (lost_frames_ >= options_.max_lost_frames) {
+      job->restart = true;
+      job->frame = frame;
+      job->position = position;
+      result.message += "; starting anew";
+    }
+  } else {
+    lost_frames_ = 0;
+    last_light_ = outcome.light;
+    last_rms_ = outcome.rms_gray;
+    result.quality = Quality(outcome);
+    result.state = result.quality >= 0.6 ? TrackingState::kGood : TrackingState::kPoor;
+    result.keyframe = reference->keyframe;
+    result.keyframe_from_camera = outcome.new_from_reference.Inverse();
+    job->data = data;
+    job->position = position;
+    job->reference = reference->keyframe;
+    job->keyframe_from_camera = result.keyframe_from_camera;
+    job->light = outcome.light;
+    job->keyframe = NeedsKeyframe(*reference, outcome);
+  }
+  std::lock_guard lock(mutex_);
+  if (keyframe_queued_) job->keyframe = false;
+  result.direct_from_camera = DirectFromCamera(result);
+  results_[position] = result;
+  return result;
+}
+
+bool Odometry::Impl::NeedsKeyframe(const TrackingReference& reference, const TrackingOutcome& outcome) {
+  if (first_rms_reference_ != reference.keyframe) {
+    first_rms_reference_ = reference.keyframe;
+    first_rms_ = outcome.rms_gray;
+  }
+  const double size = geometry_.camera[0].width_px + geometry_.camera[0].height_px;
+  constexpr double kPaperSize = 640.0 + 480.0;
+  const double flow = options_.keyframe_weight * kPaperSize / size *
+                      (options_.keyframe_flow_weight * outcome.translation_flow_px +
+                       options_.keyframe_full_flow_weight * outcome.flow_px);
+  const double light = options_.keyframe_affine_weight * std::abs(outcome.light.a - reference.light.a);
+  return flow + light > 1.0 || outcome.rms_gray > options_.keyframe_residual_ratio * first_rms_;
+}
+
+void Odometry::Impl::SetReference(std::shared_ptr<const TrackingReference> reference) {
+  std::lock_guard lock(mutex_);
+  references_.push_back(std::move(reference));
+  if (references_.size() > kMaxReferences) references_.erase(references_.begin());
+}
+
+}  // namespace cairn::direct

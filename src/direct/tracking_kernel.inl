@@ -1,0 +1,99 @@
+// Body of the tracking kernel, compiled once per instruction set. See tracking_kernel.h.
+#include "direct/lanes.h"
+#include "direct/tracking_kernel.h"
+
+namespace cairn::direct {
+namespace {
+
+constexpr int kLanes = 8;
+constexpr int kColumns = kTrackingUnknowns + 1;  // Jacobian and residual
+constexpr int kProducts = kColumns * (kColumns + 1) / 2;
+
+inline void TrackingKernelBody(const TrackingKernelInput& in, TrackingKernelSums* sums) {
+  V8 products[kProducts] = {};
+  V8 energy = {};
+  V8i visible_count = {}, saturated_count = {};
+  const float* r = in.rotation_rays;
+  const float x_limit = static_cast<float>(in.width - 3), y_limit = static_cast<float>(in.height - 3);
+  const float saturated_energy = in.huber * (2.0f * in.cutoff - in.huber);
+  const V8 zero = {};
+  const V8 one = zero + 1.0f;
+  for (int i = 0; i < in.count; i += kLanes) {
+    V8 x, y, id, color;
+    Load(in.x + i, &x), Load(in.y + i, &y), Load(in.inverse_depth + i, &id), Load(in.color + i, &color);
+    const V8 px = r[0] * x + r[1] * y + (r[2] + in.translation[0] * id);
+    const V8 py = r[3] * x + r[4] * y + (r[5] + in.translation[1] * id);
+    const V8 pz = r[6] * x + r[7] * y + (r[8] + in.translation[2] * id);
+    const V8 iz = one / pz;
+    const V8 u = px * iz, v = py * iz;
+    const V8 ku = in.fx * u + in.cx, kv = in.fy * v + in.cy;
+    const V8i inside = (pz > 1e-3f) & (ku > 2.0f) & (kv > 2.0f) & (ku < x_limit) & (kv < y_limit);
+    V8 value = zero, gx = zero, gy = zero;
+    int any = 0;
+    for (int k = 0; k < kLanes; ++k) {
+      if (!inside[k]) continue;
+      any = 1;
+      const int ix = static_cast<int>(ku[k]), iy = static_cast<int>(kv[k]);
+      const float ax = ku[k] - static_cast<float>(ix), ay = kv[k] - static_cast<float>(iy);
+      const float* p = in.image + 4 * (static_cast<long>(iy) * in.width + ix);
+      const float* q = p + 4 * static_cast<long>(in.width);
+      V4 p0, p1, q0, q1;
+      Load(p, &p0), Load(p + 4, &p1), Load(q, &q0), Load(q + 4, &q1);
+      const V4 top = p0 + ax * (p1 - p0), low = q0 + ax * (q1 - q0);
+      const V4 sample = top + ay * (low - top);
+      value[k] = sample[0];
+      gx[k] = sample[1];
+      gy[k] = sample[2];
+    }
+    if (!any) continue;
+    const V8 residual = value - (in.gain * color + in.offset);
+    const V8 magnitude = residual < 0.0f ? -residual : residual;
+    const V8i saturated = inside & (magnitude > in.cutoff);
+    const V8i good = inside & ~saturated;
+    const V8 huber = magnitude < in.huber ? one : in.huber / magnitude;
+    const V8 weight = good ? huber : zero;
+    const V8 huber_energy = weight * residual * residual * (2.0f - weight);
+    energy += good ? huber_energy : (saturated ? zero + saturated_energy : zero);
+    visible_count -= inside;
+    saturated_count -= saturated;
+
+    const V8 nid = id * iz;
+    const V8 jx = gx * in.fx, jy = gy * in.fy;
+    const V8 uv = u * v;
+    const V8 j[kColumns] = {jx * nid,
+                            jy * nid,
+                            -nid * (u * jx + v * jy),
+                            -(uv * jx + (one + v * v) * jy),
+                            (one + u * u) * jx + uv * jy,
+                            u * jy - v * jx,
+                            -in.gain * color,
+                            zero - 1.0f,
+                            residual};
+    int n = 0;
+    for (int a = 0; a < kColumns; ++a) {
+      const V8 wj = good ? weight * j[a] : zero;
+      for (int b = a; b < kColumns; ++b) products[n++] += wj * (good ? j[b] : zero);
+    }
+  }
+  int n = 0;
+  for (int a = 0; a < kColumns; ++a) {
+    for (int b = a; b < kColumns; ++b, ++n) {
+      const float sum = SumOf(products[n]);
+      if (a == kTrackingUnknowns) continue;
+      if (b == kTrackingUnknowns) {
+        sums->b[a] = sum;
+      } else {
+        sums->h[a * kTrackingUnknowns + b] = sums->h[b * kTrackingUnknowns + a] = sum;
+      }
+    }
+  }
+  sums->energy = SumOf(energy);
+  sums->visible = sums->saturated = 0;
+  for (int k = 0; k < kLanes; ++k) {
+    sums->visible += visible_count[k];
+    sums->saturated += saturated_count[k];
+  }
+}
+
+}  // namespace
+}  // namespace cairn::direct
