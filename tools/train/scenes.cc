@@ -113,10 +113,10 @@ Picture PlainSurface(Random* random) {
 cv::Mat PhotographView(const Library& library, Random* random) {
   cv::Mat canvas(kHeight, kWidth, CV_32FC1, cv::Scalar(0));
   const Picture& photo = Pick(library.photographs, random);
-  // At least the whole view is covered: up to about four times that, so that it shows parts at many scales.
+  // At least the whole view is covered; up to the photograph's own resolution, so that it shows parts at many scales.
   const double aspect = static_cast<double>(photo.gray.cols) / photo.gray.rows;
   const double cover = 1.5 * std::max<double>(kHeight, kWidth / aspect);
-  const double height = cover * std::exp(random->Uniform(0.0, std::log(4.0)));
+  const double height = cover * std::exp(random->Uniform(0.0, std::log(std::max(1.1, 1.1 * photo.gray.rows / cover))));
   const double slack_x = std::max(0.0, 0.5 * (height * aspect / 1.5 - kWidth));
   const double slack_y = std::max(0.0, 0.5 * (height / 1.5 - kHeight));
   const cv::Point2f centre(static_cast<float>(kWidth / 2 + random->Uniform(-slack_x, slack_x)),
@@ -140,13 +140,13 @@ cv::Mat RoomView(const Library& library, Random* random) {
     const Picture surface = random->Uniform() < 0.3 ? PlainSurface(random) : Pick(library.textures, random);
     Paste(surface, quad, random->Uniform(0.4, 1.2), random->Uniform(-10, 40), &canvas);
   }
-  const auto things = 4 + random->Below(14);
+  const auto things = 6 + random->Below(20);
   for (std::uint64_t i = 0; i < things; ++i) {
     const double kind = random->Uniform();
     const Picture& picture = kind < 0.6   ? Pick(library.objects, random)
                              : kind < 0.7 ? Pick(library.photographs, random)
                                           : Pick(library.textures, random);
-    const double size = std::exp(random->Uniform(std::log(25.0), std::log(260.0)));
+    const double size = std::exp(random->Uniform(std::log(30.0), std::log(350.0)));
     const double aspect = static_cast<double>(picture.gray.cols) / picture.gray.rows;
     Paste(picture, RandomQuad(anywhere(), size * aspect, size, 0.35, 0.6, random), random->Uniform(0.5, 1.2),
           random->Uniform(-10, 30), &canvas);
@@ -160,7 +160,7 @@ absl::StatusOr<std::vector<Picture>> LoadPictures(const std::string& folder, int
   std::vector<fs::path> paths;
   std::error_code error;
   for (fs::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    if (it->is_regular_file() && IsPicture(it->path())) paths.push_back(it->path());
+    if (!it->is_symlink() && it->is_regular_file() && IsPicture(it->path())) paths.push_back(it->path());
   }
   if (error) return absl::NotFoundError(absl::StrCat("cannot read the folder ", folder, ": ", error.message()));
   std::sort(paths.begin(), paths.end());

@@ -25,7 +25,7 @@ struct Arguments {
 absl::Status Run(const Arguments& arguments) {
   cv::setNumThreads(1);
   cairn::train::Library library;
-  CAIRN_ASSIGN_OR_RETURN(library.photographs, cairn::train::LoadPictures(arguments.photographs, 2000, 400));
+  CAIRN_ASSIGN_OR_RETURN(library.photographs, cairn::train::LoadPictures(arguments.photographs, 2560, 400));
   CAIRN_ASSIGN_OR_RETURN(library.textures, cairn::train::LoadPictures(arguments.textures, 640, 1500));
   CAIRN_ASSIGN_OR_RETURN(library.objects, cairn::train::LoadPictures(arguments.objects, 512, 1000));
   std::printf("%zu photographs, %zu textures, %zu objects\n", library.photographs.size(), library.textures.size(),

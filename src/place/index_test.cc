@@ -1,0 +1,196 @@
+#include "place/index.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+
+#include "place/test_descriptors.h"
+#include "place/training.h"
+
+namespace cairn::place {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+
+// Every tenth of `num_words` words or so, at random, normalised.
+BowVector RandomWords(std::size_t num_words, Random* random) {
+  BowVector words;
+  float sum = 0.0f;
+  for (WordId word = 0; word < num_words; ++word) {
+    if (random->Below(10) != 0) continue;
+    words.push_back({word, static_cast<float>(random->Uniform(0.1, 1.0))});
+    sum += words.back().weight;
+  }
+  for (WeightedWord& word : words) word.weight /= sum;
+  return words;
+}
+
+QueryOptions Everything() {
+  QueryOptions options;
+  options.min_common_share = 0.0;
+  options.max_results = 0;
+  return options;
+}
+
+TEST(InvertedIndex, ScoresLikeTheDirectComparison) {
+  Random random(1);
+  InvertedIndex index(200);
+  std::map<std::uint32_t, BowVector> entries;
+  for (std::uint32_t id = 5; id < 45; ++id) {
+    entries[id] = RandomWords(200, &random);
+    ASSERT_TRUE(index.Add(id, entries[id]).ok());
+  }
+  EXPECT_EQ(index.size(), 40u);
+  const BowVector query = RandomWords(200, &random);
+  const std::vector<Candidate> candidates = index.Query(query, Everything());
+  std::size_t expected = 0;
+  for (const auto& [id, words] : entries) expected += Score(query, words) > 0.0;
+  EXPECT_EQ(candidates.size(), expected);
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    EXPECT_DOUBLE_EQ(candidates[i].score, Score(query, entries[candidates[i].id]));
+    if (i > 0) {
+      EXPECT_GE(candidates[i - 1].score, candidates[i].score);
+    }
+  }
+  QueryOptions three = Everything();
+  three.max_results = 3;
+  EXPECT_THAT(index.Query(query, three), ElementsAre(candidates[0], candidates[1], candidates[2]));
+}
+
+TEST(InvertedIndex, AnswersDoNotDependOnHistory) {
+  Random random(2);
+  InvertedIndex built(200), rebuilt(200);
+  std::vector<BowVector> entries;
+  for (int i = 0; i < 30; ++i) entries.push_back(RandomWords(200, &random));
+  for (std::uint32_t id = 0; id < 30; ++id) ASSERT_TRUE(built.Add(id, entries[id]).ok());
+  for (std::uint32_t id = 0; id < 30; id += 2) ASSERT_TRUE(built.Remove(id).ok());
+  for (std::uint32_t id = 28; id > 10; id -= 2) ASSERT_TRUE(built.Add(id, entries[id]).ok());
+  for (std::uint32_t id = 0; id < 30; ++id) {
+    if (id % 2 == 1 || id > 10) {
+      ASSERT_TRUE(rebuilt.Add(id, entries[id]).ok());
+    }
+  }
+  for (int i = 0; i < 20; ++i) {
+    const BowVector query = RandomWords(200, &random);
+    EXPECT_EQ(built.Query(query, Everything()), rebuilt.Query(query, Everything()));
+    EXPECT_EQ(built.Query(query), rebuilt.Query(query));
+  }
+}
+
+TEST(InvertedIndex, TiesGoToTheSmallerId) {
+  InvertedIndex index(4);
+  for (const std::uint32_t id : {9u, 3u, 6u}) ASSERT_TRUE(index.Add(id, {{1, 0.5f}, {2, 0.5f}}).ok());
+  EXPECT_THAT(index.Query({{1, 1.0f}}), ElementsAre(Candidate{3, 0.5, 1}, Candidate{6, 0.5, 1}, Candidate{9, 0.5, 1}));
+}
+
+TEST(InvertedIndex, DropsThoseWithFewCommonWordsAndExcluded) {
+  InvertedIndex index(10);
+  const float w = 0.2f;
+  ASSERT_TRUE(index.Add(1, {{0, w}, {1, w}, {2, w}, {3, w}, {4, w}}).ok());  // shares 5
+  ASSERT_TRUE(index.Add(2, {{0, w}, {1, w}, {2, w}, {3, w}, {9, w}}).ok());  // shares 4
+  ASSERT_TRUE(index.Add(3, {{0, w}, {6, w}, {7, w}, {8, w}, {9, w}}).ok());  // shares 1
+  const BowVector query = {{0, w}, {1, w}, {2, w}, {3, w}, {4, w}};
+  const auto ids = [&](const QueryOptions& options) {
+    std::vector<std::uint32_t> result;
+    for (const Candidate& candidate : index.Query(query, options)) result.push_back(candidate.id);
+    return result;
+  };
+  EXPECT_THAT(ids({}), ElementsAre(1, 2));
+  QueryOptions options;
+  options.min_common_share = 1.0;
+  EXPECT_THAT(ids(options), ElementsAre(1));
+  // The excluded entry does not set the standard for the others.
+  options.exclude = [](std::uint32_t id) { return id == 1; };
+  EXPECT_THAT(ids(options), ElementsAre(2));
+  options = Everything();
+  EXPECT_THAT(ids(options), ElementsAre(1, 2, 3));
+  options.min_score = 0.5;
+  EXPECT_THAT(ids(options), ElementsAre(1, 2));
+  EXPECT_THAT(index.Query({}), IsEmpty());
+  EXPECT_THAT(index.Query({{5, 1.0f}}), IsEmpty());
+}
+
+TEST(InvertedIndex, ReportsMisuse) {
+  InvertedIndex index(10);
+  EXPECT_EQ(index.Remove(1).code(), absl::StatusCode::kNotFound);
+  EXPECT_TRUE(index.Add(1, {{2, 1.0f}}).ok());
+  EXPECT_EQ(index.Add(1, {{2, 1.0f}}).code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_EQ(index.Add(2, {{10, 1.0f}}).code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(index.Add(2, {{3, 0.5f}, {2, 0.5f}}).code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_FALSE(index.Contains(2));
+  EXPECT_TRUE(index.Add(2, {}).ok());  // an image without words can be held, but is never found
+  EXPECT_TRUE(index.Contains(2));
+  EXPECT_TRUE(index.Remove(2).ok());
+  EXPECT_TRUE(index.Remove(1).ok());
+  EXPECT_EQ(index.size(), 0u);
+  EXPECT_THAT(index.Query({{2, 1.0f}}), IsEmpty());
+  QueryOptions options;
+  options.min_common_share = 2.0;
+  EXPECT_FALSE(options.Validate().ok());
+  options = {};
+  options.min_score = -1.0;
+  EXPECT_FALSE(options.Validate().ok());
+  EXPECT_TRUE(QueryOptions{}.Validate().ok());
+}
+
+class MatchByWordsTest : public testing::Test {
+ protected:
+  // b holds noisy copies of a in reverse order.
+  void SetUp() override {
+    Random random(4);
+    for (int i = 0; i < 400; ++i) {
+      a_.descriptors.push_back(RandomDescriptor(&random));
+      a_.keypoints.push_back({0.0f, 0.0f, static_cast<float>(random.Uniform(-3, 3)), 0});
+    }
+    for (int i = 399; i >= 0; --i) {
+      b_.descriptors.push_back(FlipBits(a_.descriptors[i], 8, &random));
+      b_.keypoints.push_back(a_.keypoints[i]);
+    }
+    TrainingOptions options;
+    options.branching = 4;
+    options.depth = 2;
+    vocabulary_ = Train(std::vector<ImageDescriptors>{a_.descriptors, b_.descriptors}, options);
+    ASSERT_TRUE(vocabulary_.ok());
+  }
+  image::Features a_, b_;
+  absl::StatusOr<Vocabulary> vocabulary_;
+};
+
+TEST_F(MatchByWordsTest, FindsPairsUnderTheSameNode) {
+  const DirectIndex direct_a = vocabulary_->Transform(a_, 1).direct, direct_b = vocabulary_->Transform(b_, 1).direct;
+  const std::vector<image::FeatureMatch> matches = MatchByWords(a_, direct_a, b_, direct_b);
+  EXPECT_GE(matches.size(), 240u);  // random descriptors have no clusters: some copies fall beside
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    EXPECT_EQ(matches[i].b, 399 - matches[i].a);
+    if (i > 0) {
+      EXPECT_LT(matches[i - 1].a, matches[i].a);
+    }
+  }
+  // Under the root, it is the same as comparing all with all.
+  const DirectIndex all_a = vocabulary_->Transform(a_, 0).direct, all_b = vocabulary_->Transform(b_, 0).direct;
+  EXPECT_EQ(MatchByWords(a_, all_a, b_, all_b), image::MatchBruteForce(a_, b_));
+}
+
+TEST_F(MatchByWordsTest, LeavesMaskedFeaturesOut) {
+  const DirectIndex direct_a = vocabulary_->Transform(a_, 0).direct, direct_b = vocabulary_->Transform(b_, 0).direct;
+  std::vector<std::uint8_t> mask_a(400, 1), mask_b(400, 1);
+  for (std::size_t i = 0; i < 400; i += 2) mask_a[i] = 0;
+  for (std::size_t i = 0; i < 100; ++i) mask_b[i] = 0;
+  const auto matches = MatchByWords(a_, direct_a, b_, direct_b, {}, mask_a, mask_b);
+  EXPECT_EQ(matches.size(), 150u);
+  for (const image::FeatureMatch& match : matches) {
+    EXPECT_EQ(match.a % 2, 1u);
+    EXPECT_GE(match.b, 100u);
+  }
+}
+
+TEST_F(MatchByWordsTest, EmptyInputGivesNothing) {
+  const DirectIndex direct = vocabulary_->Transform(a_).direct;
+  EXPECT_THAT(MatchByWords(a_, direct, {}, {}), IsEmpty());
+  EXPECT_THAT(MatchByWords({}, {}, a_, direct), IsEmpty());
+}
+
+}  // namespace
+}  // namespace cairn::place
