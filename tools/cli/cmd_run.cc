@@ -176,12 +176,13 @@ absl::Status MapSequence(const RunOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   SkippedFrames skipped("run", options.json);
   Progress progress("mapping", info.num_frames, options.json);
-  CAIRN_RETURN_IF_ERROR(ForEachFrame(
+  const absl::Status read = ForEachFrame(
       *prepared.source, &skipped, &progress, [&](const io::SourceFrame& frame) -> absl::StatusOr<std::string> {
         CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(ToRaw(frame)));
         const bool waits = result.state == direct::TrackingState::kInitializing;
         return waits ? result.message : absl::StrCat(session->KeyframesInMap(), " keyframes");
-      }));
+      });
+  CAIRN_RETURN_IF_ERROR(read);
   CAIRN_ASSIGN_OR_RETURN(const engine::SessionReport report, session->Finish());
   progress.Finish();
   const double elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -214,7 +215,7 @@ absl::Status MapStills(const RunOptions& options) {
   SkippedFrames skipped("run", options.json);
   Progress progress("mapping", info.num_frames, options.json);
   std::int64_t used = 0;
-  CAIRN_RETURN_IF_ERROR(ForEachFrame(
+  const absl::Status read = ForEachFrame(
       *prepared.source, &skipped, &progress, [&](const io::SourceFrame& frame) -> absl::StatusOr<std::string> {
         const io::StampedPose* pose = PoseAt(given.poses, frame.time_ns);
         if (pose == nullptr) {
@@ -224,7 +225,8 @@ absl::Status MapStills(const RunOptions& options) {
         CAIRN_RETURN_IF_ERROR(session->AddFrame(ToRaw(frame), pose->world_from_camera));
         ++used;
         return std::string();
-      }));
+      });
+  CAIRN_RETURN_IF_ERROR(read);
   progress.Finish();
   CAIRN_ASSIGN_OR_RETURN(const mapping::PosedMapperReport report, session->Finish());
   const std::shared_ptr<const map::Snapshot> map = prepared.writer->Current();

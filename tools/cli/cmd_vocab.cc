@@ -6,7 +6,7 @@
 #include "cli/cli.h"
 #include "image/orb_extractor.h"
 #include "io/frame_source.h"
-#include "place/dbow2_text.h"
+#include "place/dbow2.h"
 #include "place/default_vocabulary.h"
 #include "place/training.h"
 #include "place/vocabulary.h"
