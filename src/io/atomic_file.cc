@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
@@ -86,6 +87,11 @@ absl::StatusOr<std::string> ReadWholeFile(const std::string& path) {
   std::error_code error;
   if (std::filesystem::is_directory(path, error)) {
     return absl::InvalidArgumentError(absl::StrCat(path, " is a folder, not a file"));
+  }
+  constexpr std::uintmax_t kMaxBytes = 1u << 30;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (!error && size > kMaxBytes) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " has ", size, " bytes, more than any file of its kind"));
   }
   errno = 0;
   std::ifstream in(path, std::ios::binary);

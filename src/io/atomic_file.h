@@ -12,7 +12,7 @@ namespace cairn::io {
 // `overwrite`; NotFound if the folder does not exist; nothing is left behind on failure.
 absl::Status WriteFileAtomically(const std::string& path, absl::string_view contents, bool overwrite);
 
-// The whole file. NotFound or Unavailable name it.
+// The whole file, of up to 1 GiB. NotFound, InvalidArgument or Unavailable name it.
 absl::StatusOr<std::string> ReadWholeFile(const std::string& path);
 
 }  // namespace cairn::io

@@ -87,7 +87,7 @@ absl::StatusOr<std::vector<ListedImage>> ReadList(const fs::path& list) {
   TimeOrder order;
   for (const TextLine& line : lines) {
     const std::vector<absl::string_view> fields = SplitFields(line.text);
-    const absl::StatusOr<TimeNs> time_ns = ParseNanoseconds(fields.empty() ? "" : fields[0]);
+    const absl::StatusOr<TimeNs> time_ns = ParseNanoseconds(fields[0]);
     if (!time_ns.ok()) return LineError(list.string(), line.number, time_ns.status().message());
     CAIRN_RETURN_IF_ERROR(order.Add(*time_ns, list.string(), line.number));
     const std::string name = fields.size() > 1 ? std::string(fields[1]) : absl::StrCat(fields[0], ".png");

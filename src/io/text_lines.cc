@@ -24,7 +24,9 @@ absl::StatusOr<std::vector<TextLine>> ReadDataLines(const std::string& path) {
 }
 
 std::vector<absl::string_view> SplitFields(absl::string_view text) {
-  return absl::StrSplit(text, absl::ByAnyChar(" \t,"), absl::SkipEmpty());
+  std::vector<absl::string_view> fields = absl::StrSplit(text, absl::ByAnyChar(" \t,"), absl::SkipEmpty());
+  if (fields.empty()) fields.emplace_back("");
+  return fields;
 }
 
 absl::Status LineError(const std::string& path, int number, absl::string_view message) {
@@ -32,6 +34,11 @@ absl::Status LineError(const std::string& path, int number, absl::string_view me
 }
 
 absl::Status TimeOrder::Add(TimeNs time_ns, const std::string& path, int line) {
+  constexpr TimeNs kMaxNs = 4'000'000'000'000'000'000;  // differences of two times fit into 64 bits
+  if (time_ns > kMaxNs || time_ns < -kMaxNs) {
+    return LineError(path, line,
+                     absl::StrCat("time ", FormatSeconds(time_ns), " s is out of range; is the unit right?"));
+  }
   if (any_ && time_ns <= last_ns_) {
     return LineError(path, line,
                      absl::StrCat("time ", FormatSeconds(time_ns), " s is not after the one before, ",

@@ -18,7 +18,7 @@ struct TextLine {
 // The lines that hold data: not empty, not starting with `#`. A byte order mark is dropped. NotFound names the file.
 absl::StatusOr<std::vector<TextLine>> ReadDataLines(const std::string& path);
 
-// The fields of a line, separated by blanks, tabs or commas.
+// The fields of a line, separated by blanks, tabs or commas; at least one, which may be empty.
 std::vector<absl::string_view> SplitFields(absl::string_view text);
 
 // "path:number: message", InvalidArgument.

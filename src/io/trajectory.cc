@@ -128,7 +128,7 @@ absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path) {
   CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> lines, ReadDataLines(path));
   if (!lines.empty()) {
     const Fields fields = SplitFields(lines[0].text);
-    if (absl::StrContains(lines[0].text, ',') && IsIntegerTime(fields.empty() ? "" : fields[0])) {
+    if (absl::StrContains(lines[0].text, ',') && IsIntegerTime(fields[0])) {
       return ReadEurocTrajectory(path);
     }
     const std::filesystem::path times = std::filesystem::path(path).parent_path() / "times.txt";

@@ -53,7 +53,7 @@ absl::StatusOr<Camera> ReadCameraText(const std::string& path) {
   }
   std::vector<absl::string_view> fields = SplitFields(lines[0].text);
   std::string name;
-  if (absl::ascii_isalpha(static_cast<unsigned char>(fields[0][0]))) {
+  if (!fields[0].empty() && absl::ascii_isalpha(static_cast<unsigned char>(fields[0][0]))) {
     name = absl::AsciiStrToLower(fields[0]);
     if (!name.empty() && name.back() == ':') name.pop_back();
     fields.erase(fields.begin());

@@ -1,0 +1,127 @@
+#include "io/trajectory.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "base/random.h"
+#include "io/testing_folder.h"
+
+namespace cairn::io {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+std::vector<StampedPose> SomePoses() {
+  Random random(1);
+  std::vector<StampedPose> poses;
+  for (int i = 0; i < 20; ++i) {
+    Vector6d x;
+    for (int k = 0; k < 6; ++k) x[k] = random.Normal();
+    poses.push_back({1403715273262142976 + i * 50000128, SE3::Exp(x)});
+  }
+  return poses;
+}
+
+TEST(Trajectory, TumThereAndBack) {
+  const TestingFolder folder;
+  const std::vector<StampedPose> poses = SomePoses();
+  ASSERT_TRUE(WriteTumTrajectory(folder / "a.txt", poses, {.overwrite = false, .comment = "made by a test"}).ok());
+  const auto read = ReadTrajectory(folder / "a.txt");
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_EQ(read->poses.size(), poses.size());
+  EXPECT_EQ(read->num_nan_rows(), 0);
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    EXPECT_EQ(read->poses[i].time_ns, poses[i].time_ns);
+    EXPECT_LT((read->poses[i].world_from_camera.Matrix() - poses[i].world_from_camera.Matrix()).norm(), 1e-8);
+  }
+  EXPECT_THAT(folder.Read("a.txt"), HasSubstr("# made by a test\n"));
+  EXPECT_THAT(folder.Read("a.txt"), HasSubstr("\n1403715273.262142976 "));
+  EXPECT_EQ(folder.Read("a.txt"), FormatTumTrajectory(poses, "made by a test"));
+}
+
+TEST(Trajectory, TumToleratesCommentsCommasExtraColumnsAndNan) {
+  const TestingFolder folder;
+  folder.Write("a.txt",
+               "\xEF\xBB\xBF# comment\r\n\r\n1.5 1 2 3 0 0 0 1 9000 0\r\n2 nan NaN nan nan nan nan nan\n"
+               "0.5,4,5,6,0,0,1,0\n  3\t7 8 9 0 0 0.7 0.7\n");
+  const auto read = ReadTumTrajectory(folder / "a.txt");
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_EQ(read->poses.size(), 3u);
+  EXPECT_EQ(read->num_rows, 4);
+  EXPECT_EQ(read->num_nan_rows(), 1);
+  EXPECT_THAT(read->rows, ElementsAre(0, 2, 3));
+  EXPECT_EQ(read->poses[0].time_ns, 1500000000);
+  EXPECT_EQ(read->poses[1].time_ns, 500000000);
+  EXPECT_EQ(read->poses[1].world_from_camera.translation(), Vector3d(4, 5, 6));
+  EXPECT_NEAR(AngleRad(read->poses[2].world_from_camera.rotation()), 1.5707963267948966, 1e-9);
+}
+
+TEST(Trajectory, TumErrorsNameTheLine) {
+  const TestingFolder folder;
+  const auto error = [&](absl::string_view text) {
+    folder.Write("a.txt", text);
+    const auto read = ReadTumTrajectory(folder / "a.txt");
+    EXPECT_FALSE(read.ok());
+    return std::string(read.status().message());
+  };
+  EXPECT_THAT(error("# x\n1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0\n"), HasSubstr("a.txt:3: 7 columns"));
+  EXPECT_THAT(error("1 0 0 zero 0 0 0 1\n"), HasSubstr("a.txt:1: column 4, \"zero\""));
+  EXPECT_THAT(error("1 0 0 inf 0 0 0 1\n"), HasSubstr("column 4"));
+  EXPECT_THAT(error("x 0 0 0 0 0 0 1\n"), HasSubstr("a.txt:1: \"x\" is not a time"));
+  EXPECT_THAT(error("1 0 0 0 0 0 0 0\n"), HasSubstr("quaternion has length 0"));
+  EXPECT_THAT(error("# nothing\n"), HasSubstr("no poses"));
+  EXPECT_THAT(error(",\n"), HasSubstr("a.txt:1"));
+  EXPECT_EQ(ReadTumTrajectory(folder / "none.txt").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_FALSE(ReadTrajectory(folder.str()).ok());
+}
+
+TEST(Trajectory, EurocGroundTruth) {
+  const TestingFolder folder;
+  folder.Write("data.csv",
+               "#timestamp, p_RS_R_x [m], ...\n"
+               "1403715274302142976,0.878612,2.142470,0.947262,0.060514,-0.828459,-0.058956,-0.553641,0.009474,-0.01\n"
+               "1403715274307142912, 1, 2, 3, 1, 0, 0, 0\r\n");
+  const auto read = ReadTrajectory(folder / "data.csv");
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_EQ(read->poses.size(), 2u);
+  EXPECT_EQ(read->poses[0].time_ns, 1403715274302142976);
+  EXPECT_NEAR(read->poses[0].world_from_camera.rotation().w(), 0.060514, 1e-5);
+  EXPECT_NEAR(read->poses[0].world_from_camera.rotation().z(), -0.553641, 1e-5);
+  EXPECT_EQ(read->poses[1].world_from_camera.translation(), Vector3d(1, 2, 3));
+  folder.Write("bad.csv", "1403715274302142976,1,2,3,1,0,0,0\n1.5,1,2,3,1,0,0,0\n");
+  EXPECT_THAT(std::string(ReadEurocTrajectory(folder / "bad.csv").status().message()), HasSubstr("bad.csv:2"));
+}
+
+TEST(Trajectory, KittiPoses) {
+  const TestingFolder folder;
+  folder.Write("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n0 -1 0 5 1 0 0 6 0 0 1 7\n");
+  folder.Write("times.txt", "0.000000e+00\n1.036000e-01\n2e-1\n");
+  const auto read = ReadTrajectory(folder / "poses.txt");
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_EQ(read->poses.size(), 2u);
+  EXPECT_EQ(read->poses[1].time_ns, 103600000);
+  EXPECT_EQ(read->poses[1].world_from_camera.translation(), Vector3d(5, 6, 7));
+  EXPECT_LT((read->poses[1].world_from_camera * Vector3d(1, 0, 0) - Vector3d(5, 7, 7)).norm(), 1e-12);
+  folder.Write("times.txt", "0\n");
+  EXPECT_THAT(std::string(ReadTrajectory(folder / "poses.txt").status().message()), HasSubstr("poses.txt:2: no time"));
+  folder.Write("times.txt", "0\n1\n");
+  folder.Write("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n2 0 0 0 0 2 0 0 0 0 2 0\n");
+  EXPECT_THAT(std::string(ReadTrajectory(folder / "poses.txt").status().message()),
+              HasSubstr("poses.txt:2: the first three columns"));
+}
+
+TEST(Trajectory, DoesNotOverwriteUnasked) {
+  const TestingFolder folder;
+  folder.Write("a.txt", "mine");
+  EXPECT_EQ(WriteTumTrajectory(folder / "a.txt", SomePoses()).code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_EQ(folder.Read("a.txt"), "mine");
+  EXPECT_TRUE(WriteTumTrajectory(folder / "a.txt", SomePoses(), {.overwrite = true, .comment = ""}).ok());
+  EXPECT_EQ(ReadTrajectory(folder / "a.txt")->poses.size(), 20u);
+  EXPECT_EQ(WriteTumTrajectory(folder / "no/such/a.txt", SomePoses()).code(), absl::StatusCode::kNotFound);
+  // Nothing but the file is left.
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.str()), {}), 1);
+}
+
+}  // namespace
+}  // namespace cairn::io
