@@ -86,38 +86,47 @@ int CornerScore(const cv::Mat& level, int x, int y) {
   return best;
 }
 
+// Appends the corners inside `area`, maxima among their neighbours inside or outside of it.
+void DetectInside(const cv::Mat& level, const cv::Rect& area, int threshold, std::vector<cv::KeyPoint>* buffer,
+                  std::vector<Corner>* corners) {
+  if (area.empty()) return;
+  // FAST looks 3 px around a pixel, and one more for the comparison with the neighbours.
+  constexpr int kMargin = 4;
+  const cv::Rect seen(area.x - kMargin, area.y - kMargin, area.width + 2 * kMargin, area.height + 2 * kMargin);
+  cv::FAST(level(seen), *buffer, threshold, true);
+  for (const cv::KeyPoint& point : *buffer) {
+    const cv::Point position(static_cast<int>(std::lround(point.pt.x)) + seen.x,
+                             static_cast<int>(std::lround(point.pt.y)) + seen.y);
+    if (!area.contains(position)) continue;
+    corners->push_back({static_cast<std::int16_t>(position.x), static_cast<std::int16_t>(position.y),
+                        static_cast<std::int16_t>(point.response)});
+  }
+}
+
 }  // namespace
 
 std::vector<Corner> DetectCorners(const cv::Mat& level, int threshold, int min_threshold) {
-  // FAST looks 3 px around a pixel and one more for the comparison with the neighbours.
-  constexpr int kMargin = kOrbBorderPx - 4;
-  const cv::Rect inner(kMargin, kMargin, level.cols - 2 * kMargin, level.rows - 2 * kMargin);
-  if (inner.width <= 8 || inner.height <= 8) return {};
-  std::vector<cv::KeyPoint> found;
-  // One pass at the lower threshold: OpenCV's response is the largest threshold at which a pixel is still a corner, so
-  // the corners at the higher one are those with a response of at least that.
-  cv::FAST(level(inner), found, min_threshold, true);
+  const cv::Rect inner(kOrbBorderPx, kOrbBorderPx, level.cols - 2 * kOrbBorderPx, level.rows - 2 * kOrbBorderPx);
+  if (inner.width <= 0 || inner.height <= 0) return {};
+  std::vector<cv::KeyPoint> buffer;
+  std::vector<Corner> corners;
+  DetectInside(level, inner, threshold, &buffer, &corners);
 
   const int columns = (level.cols + kCellPx - 1) / kCellPx;
   const int rows = (level.rows + kCellPx - 1) / kCellPx;
-  std::vector<std::uint8_t> has_strong(static_cast<std::size_t>(columns) * rows, 0);
-  std::vector<Corner> corners;
-  corners.reserve(found.size());
-  for (const cv::KeyPoint& point : found) {
-    Corner corner;
-    corner.x = static_cast<std::int16_t>(std::lround(point.pt.x) + kMargin);
-    corner.y = static_cast<std::int16_t>(std::lround(point.pt.y) + kMargin);
-    corner.score = static_cast<std::int16_t>(point.response);
-    if (corner.x < kOrbBorderPx || corner.y < kOrbBorderPx || corner.x >= level.cols - kOrbBorderPx ||
-        corner.y >= level.rows - kOrbBorderPx) {
-      continue;
+  std::vector<std::uint8_t> has_corner(static_cast<std::size_t>(columns) * rows, 0);
+  for (const Corner& corner : corners) has_corner[(corner.y / kCellPx) * columns + corner.x / kCellPx] = 1;
+  // Neighbouring empty cells of a row together.
+  for (int row = 0; row < rows; ++row) {
+    const std::uint8_t* cells = &has_corner[static_cast<std::size_t>(row) * columns];
+    for (int begin = 0; begin < columns;) {
+      int end = begin;
+      while (end < columns && !cells[end]) ++end;
+      const cv::Rect strip(begin * kCellPx, row * kCellPx, (end - begin) * kCellPx, kCellPx);
+      if (end > begin) DetectInside(level, strip & inner, min_threshold, &buffer, &corners);
+      begin = end + 1;
     }
-    if (corner.score >= threshold) has_strong[(corner.y / kCellPx) * columns + corner.x / kCellPx] = 1;
-    corners.push_back(corner);
   }
-  std::erase_if(corners, [&](const Corner& corner) {
-    return corner.score < threshold && has_strong[(corner.y / kCellPx) * columns + corner.x / kCellPx];
-  });
   return corners;
 }
 

@@ -20,8 +20,8 @@ struct Corner {
   bool operator==(const Corner&) const = default;
 };
 
-// FAST-9 corners that are maxima among their 8 neighbours: those with at least `threshold` and, in cells of about 32 px
-// where there is none, those with at least `min_threshold`. In raster order.
+// FAST-9 corners that are maxima among their 8 neighbours: those with at least `threshold` and, in cells of 32 px where
+// there is none, those with at least `min_threshold`. In a fixed order.
 std::vector<Corner> DetectCorners(const cv::Mat& level, int threshold, int min_threshold);
 
 // At most `count` corners, strong and far from each other: greedily from the strongest, each suppresses a square around

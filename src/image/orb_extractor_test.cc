@@ -8,6 +8,9 @@
 #include <numbers>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
+#include <utility>
+#include <vector>
 
 #include "base/random.h"
 #include "image/matching.h"
@@ -97,6 +100,34 @@ TEST(OrbExtractor, KeypointsOfEveryOctaveAreUnbiasedInFullResolutionPixels) {
     // Spots much larger than FAST's circle are flat on top.
     EXPECT_LT(std::sqrt(sum.squares / sum.count), 0.45) << "octave " << octave;
   }
+}
+
+TEST(OrbExtractor, LowersTheThresholdWhereACellIsEmpty) {
+  cv::Mat image = RectangleImage(320, 240, 12, 60);
+  image.convertTo(image, CV_8U, 0.4, 70);
+  // One pass over all at the lower threshold, then the rule by hand.
+  const auto cell = [](const internal::Corner& c) { return std::pair(c.x / 32, c.y / 32); };
+  std::vector<cv::KeyPoint> all;
+  cv::FAST(image, all, 7, true);
+  std::vector<internal::Corner> expected;
+  std::set<std::pair<int, int>> strong;
+  for (const cv::KeyPoint& point : all) {
+    const internal::Corner corner{static_cast<std::int16_t>(point.pt.x), static_cast<std::int16_t>(point.pt.y),
+                                  static_cast<std::int16_t>(point.response)};
+    if (corner.x < 16 || corner.y < 16 || corner.x >= 304 || corner.y >= 224) continue;
+    expected.push_back(corner);
+    if (corner.score >= 20) strong.insert(cell(corner));
+  }
+  std::erase_if(expected, [&](const internal::Corner& c) { return c.score < 20 && strong.contains(cell(c)); });
+  std::vector<internal::Corner> found = internal::DetectCorners(image, 20, 7);
+  const auto raster = [](const internal::Corner& a, const internal::Corner& b) {
+    return std::pair(a.y, a.x) < std::pair(b.y, b.x);
+  };
+  std::sort(found.begin(), found.end(), raster);
+  EXPECT_EQ(found, expected);
+  const auto weak = std::count_if(found.begin(), found.end(), [](const auto& c) { return c.score < 20; });
+  EXPECT_GT(weak, 5);
+  EXPECT_GT(static_cast<std::ptrdiff_t>(found.size()) - weak, 5);
 }
 
 TEST(OrbExtractor, RefinementFindsSubPixelCentres) {
