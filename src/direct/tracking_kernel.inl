@@ -28,24 +28,12 @@ inline void TrackingKernelBody(const TrackingKernelInput& in, TrackingKernelSums
     const V8 u = px * iz, v = py * iz;
     const V8 ku = in.fx * u + in.cx, kv = in.fy * v + in.cy;
     const V8i inside = (pz > 1e-3f) & (ku > 2.0f) & (kv > 2.0f) & (ku < x_limit) & (kv < y_limit);
-    V8 value = zero, gx = zero, gy = zero;
     int any = 0;
-    for (int k = 0; k < kLanes; ++k) {
-      if (!inside[k]) continue;
-      any = 1;
-      const int ix = static_cast<int>(ku[k]), iy = static_cast<int>(kv[k]);
-      const float ax = ku[k] - static_cast<float>(ix), ay = kv[k] - static_cast<float>(iy);
-      const float* p = in.image + 4 * (static_cast<long>(iy) * in.width + ix);
-      const float* q = p + 4 * static_cast<long>(in.width);
-      V4 p0, p1, q0, q1;
-      Load(p, &p0), Load(p + 4, &p1), Load(q, &q0), Load(q + 4, &q1);
-      const V4 top = p0 + ax * (p1 - p0), low = q0 + ax * (q1 - q0);
-      const V4 sample = top + ay * (low - top);
-      value[k] = sample[0];
-      gx[k] = sample[1];
-      gy[k] = sample[2];
-    }
-    if (!any) continue;
+    for (int k = 0; k < kLanes; ++k) any |= inside[k];
+    if (any == 0) continue;
+    // Outside lanes read a harmless place.
+    V8 value, gx, gy;
+    SampleEight(in.image, in.width, inside ? ku : zero + 2.0f, inside ? kv : zero + 2.0f, &value, &gx, &gy);
     const V8 residual = value - (in.gain * color + in.offset);
     const V8 magnitude = residual < 0.0f ? -residual : residual;
     const V8i saturated = inside & (magnitude > in.cutoff);
@@ -75,19 +63,18 @@ inline void TrackingKernelBody(const TrackingKernelInput& in, TrackingKernelSums
       for (int b = a; b < kColumns; ++b) products[n++] += wj * (good ? j[b] : zero);
     }
   }
+  static_assert(kProducts == 45);
+  alignas(32) float totals[48];
+  for (int n = 0; n < 44; n += 4) SumOfFour(products[n], products[n + 1], products[n + 2], products[n + 3], totals + n);
+  SumOfFour(energy, zero, zero, zero, totals + 44);  // the last product, r * r, is not needed
   int n = 0;
-  for (int a = 0; a < kColumns; ++a) {
-    for (int b = a; b < kColumns; ++b, ++n) {
-      const float sum = SumOf(products[n]);
-      if (a == kTrackingUnknowns) continue;
-      if (b == kTrackingUnknowns) {
-        sums->b[a] = sum;
-      } else {
-        sums->h[a * kTrackingUnknowns + b] = sums->h[b * kTrackingUnknowns + a] = sum;
-      }
+  for (int a = 0; a < kTrackingUnknowns; ++a) {
+    for (int b = a; b < kTrackingUnknowns; ++b, ++n) {
+      sums->h[a * kTrackingUnknowns + b] = sums->h[b * kTrackingUnknowns + a] = totals[n];
     }
+    sums->b[a] = totals[n++];
   }
-  sums->energy = SumOf(energy);
+  sums->energy = totals[44];
   sums->visible = sums->saturated = 0;
   for (int k = 0; k < kLanes; ++k) {
     sums->visible += visible_count[k];

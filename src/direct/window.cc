@@ -134,19 +134,20 @@ bool Window::Evaluate(const ActivePoint& point, int target, float inverse_depth,
 }
 
 double Window::LinearizeActive() {
+  System& s = system();
   const int n = size(), unknowns = kFrameUnknowns * n;
   PreparePairs();
   for (int h = 0; h < n; ++h) {
     for (int t = 0; t < n; ++t) pair(h, t).h.setZero(), pair(h, t).b.setZero();
   }
-  depth_rows_.resize(unknowns, static_cast<Eigen::Index>(points_.size()));
-  depth_h_.resize(points_.size());
-  depth_b_.resize(points_.size());
+  s.rows.resize(unknowns, static_cast<Eigen::Index>(points_.size()));
+  s.depth_h.resize(points_.size());
+  s.depth_b.resize(points_.size());
   double energy = 0.0;
   ResidualRow row;
   for (std::size_t i = 0; i < points_.size(); ++i) {
     ActivePoint& point = points_[i];
-    auto depth_row = depth_rows_.col(static_cast<Eigen::Index>(i));
+    auto depth_row = s.rows.col(static_cast<Eigen::Index>(i));
     depth_row.setZero();
     Vector8d host_row = Vector8d::Zero();
     double h_depth = 0.0, b_depth = 0.0;
@@ -176,27 +177,27 @@ double Window::LinearizeActive() {
       b_depth += row.b_depth;
     }
     depth_row.segment<kFrameUnknowns>(kFrameUnknowns * point.host) = host_row;
-    depth_h_[i] = h_depth;
-    depth_b_[i] = b_depth;
+    s.depth_h[i] = h_depth;
+    s.depth_b[i] = b_depth;
     point.hessian = static_cast<float>(h_depth);
   }
-  system_h_.setZero(unknowns, unknowns);
-  system_b_.setZero(unknowns);
+  s.h.setZero(unknowns, unknowns);
+  s.b.setZero(unknowns);
   for (int h = 0; h < n; ++h) {
     for (int t = 0; t < n; ++t) {
       if (h == t) continue;
       const Pair& p = pair(h, t);
       const Matrix8d full = p.h.selfadjointView<Eigen::Upper>();
       const Matrix8d mapped = p.host_map.transpose() * full;
-      system_h_.block<8, 8>(8 * t, 8 * t) += full;
-      system_h_.block<8, 8>(8 * h, 8 * h) += mapped * p.host_map;
-      system_h_.block<8, 8>(8 * h, 8 * t) += mapped;
-      system_h_.block<8, 8>(8 * t, 8 * h) += mapped.transpose();
-      system_b_.segment<8>(8 * t) += p.b;
-      system_b_.segment<8>(8 * h) += p.host_map.transpose() * p.b;
+      s.h.block<8, 8>(8 * t, 8 * t) += full;
+      s.h.block<8, 8>(8 * h, 8 * h) += mapped * p.host_map;
+      s.h.block<8, 8>(8 * h, 8 * t) += mapped;
+      s.h.block<8, 8>(8 * t, 8 * h) += mapped.transpose();
+      s.b.segment<8>(8 * t) += p.b;
+      s.b.segment<8>(8 * h) += p.host_map.transpose() * p.b;
     }
   }
-  AddPriors(&system_h_, &system_b_);
+  AddPriors(&s.h, &s.b);
   return energy + PriorEnergy();
 }
 
@@ -261,23 +262,24 @@ Eigen::MatrixXd Window::GaugeBasis() const {
 }
 
 bool Window::SolveStep(double damping, Eigen::VectorXd* step, std::vector<double>* depth_steps) {
-  const Eigen::Index unknowns = system_h_.rows();
-  Eigen::MatrixXd h = system_h_;
-  Eigen::VectorXd b = system_b_;
+  System& s = system();
+  const Eigen::Index unknowns = s.h.rows();
+  Eigen::MatrixXd h = s.h;
+  Eigen::VectorXd b = s.b;
   h.diagonal() *= 1.0 + damping;
-  scaled_rows_.resize(unknowns, depth_rows_.cols());
-  for (Eigen::Index i = 0; i < depth_rows_.cols(); ++i) {
-    const double hd = depth_h_[i] * (1.0 + damping);
+  scaled_rows_.resize(unknowns, s.rows.cols());
+  for (Eigen::Index i = 0; i < s.rows.cols(); ++i) {
+    const double hd = s.depth_h[i] * (1.0 + damping);
     const double scale = hd > kMinDepthHessian ? 1.0 / std::sqrt(hd) : 0.0;
-    scaled_rows_.col(i) = scale * depth_rows_.col(i);
-    b.noalias() -= (scale * scale * depth_b_[i]) * depth_rows_.col(i);
+    scaled_rows_.col(i) = scale * s.rows.col(i);
+    b.noalias() -= (scale * scale * s.depth_b[i]) * s.rows.col(i);
   }
   h.selfadjointView<Eigen::Lower>().rankUpdate(scaled_rows_, -1.0);
   h.triangularView<Eigen::StrictlyUpper>() = h.transpose();
   // Unit diagonal for conditioning; the gauge directions get a weight of that order.
-  const Eigen::VectorXd scale = (system_h_.diagonal().array() + 10.0).sqrt().inverse();
+  const Eigen::VectorXd scale = (s.h.diagonal().array() + 10.0).sqrt().inverse();
   const Eigen::MatrixXd gauge = GaugeBasis();
-  const double gauge_weight = system_h_.diagonal().head(std::min<Eigen::Index>(6, unknowns)).mean() + 1.0;
+  const double gauge_weight = s.h.diagonal().head(std::min<Eigen::Index>(6, unknowns)).mean() + 1.0;
   h.noalias() += gauge_weight * gauge * gauge.transpose();
   h = scale.asDiagonal() * h * scale.asDiagonal();
   const Eigen::VectorXd scaled_b = scale.cwiseProduct(b);
@@ -287,9 +289,9 @@ bool Window::SolveStep(double damping, Eigen::VectorXd* step, std::vector<double
   if (!step->allFinite()) return false;
   depth_steps->resize(points_.size());
   for (std::size_t i = 0; i < points_.size(); ++i) {
-    const double hd = depth_h_[i] * (1.0 + damping);
+    const double hd = s.depth_h[i] * (1.0 + damping);
     (*depth_steps)[i] =
-        hd > kMinDepthHessian ? -(depth_b_[i] + depth_rows_.col(static_cast<Eigen::Index>(i)).dot(*step)) / hd : 0.0;
+        hd > kMinDepthHessian ? -(s.depth_b[i] + s.rows.col(static_cast<Eigen::Index>(i)).dot(*step)) / hd : 0.0;
   }
   return true;
 }
@@ -320,9 +322,16 @@ OptimizationReport Window::Optimize(int max_iterations) {
   OptimizationReport report;
   if (size() < 2 || points_.empty()) return report;
   Relinearize();
+  PreparePairs();
+  for (ActivePoint& point : points_) {
+    PointResidual& residual = point.residuals[size() - 1];
+    if (residual.state == ResidualState::kNone) continue;
+    residual.state = Evaluate(point, size() - 1, point.inverse_depth, &residual.energy, nullptr)
+                         ? ResidualState::kGood
+                         : ResidualState::kOutOfImage;
+  }
+  SetEnergyLimit(size() - 1);
   double energy = LinearizeActive();
-  UpdateEnergyLimits();
-  energy = LinearizeActive();
   double damping = 1e-5;
   Eigen::VectorXd step;
   std::vector<double> depth_steps;
@@ -347,6 +356,7 @@ OptimizationReport Window::Optimize(int max_iterations) {
     }
     ApplyStep(step, depth_steps);
     Relinearize();
+    current_system_ ^= 1;
     const double next = LinearizeActive();
     ++report.iterations;
     if (next < energy) {
@@ -365,7 +375,7 @@ OptimizationReport Window::Optimize(int max_iterations) {
         points_[i].inverse_depth = depths[i];
         points_[i].residuals = residuals[i];
       }
-      LinearizeActive();
+      current_system_ ^= 1;
       damping = std::max(damping * 100.0, 1e-3);
       if (damping > 1e4) break;
     }
@@ -383,26 +393,26 @@ OptimizationReport Window::Optimize(int max_iterations) {
   return report;
 }
 
-// The limit of a keyframe follows the median of the residuals in it.
 void Window::UpdateEnergyLimits() {
-  std::vector<float> energies;
-  for (int t = 0; t < size(); ++t) {
-    energies.clear();
-    for (const ActivePoint& point : points_) {
-      if (point.residuals[t].state == ResidualState::kGood || point.residuals[t].state == ResidualState::kOutlier) {
-        energies.push_back(point.residuals[t].energy);
-      }
-    }
-    const double base = kPatternSize * options_.outlier_gray * options_.outlier_gray;
-    if (energies.size() < 20) {
-      keyframes_[t]->energy_limit = static_cast<float>(base);
-      continue;
-    }
-    const auto middle = energies.begin() + static_cast<std::ptrdiff_t>(energies.size() / 2);
-    std::nth_element(energies.begin(), middle, energies.end());
-    const double factor = options_.outlier_median_factor;
-    keyframes_[t]->energy_limit = static_cast<float>(std::clamp(factor * factor * *middle, 0.5 * base, 4.0 * base));
+  for (int t = 0; t < size(); ++t) SetEnergyLimit(t);
+}
+
+// The limit of a keyframe follows the median of the residuals in it.
+void Window::SetEnergyLimit(int target) {
+  energies_.clear();
+  for (const ActivePoint& point : points_) {
+    const ResidualState state = point.residuals[target].state;
+    if (state == ResidualState::kGood || state == ResidualState::kOutlier)
+      energies_.push_back(point.residuals[target].energy);
   }
+  const double base = kPatternSize * options_.outlier_gray * options_.outlier_gray;
+  float& limit = keyframes_[target]->energy_limit;
+  limit = static_cast<float>(base);
+  if (energies_.size() < 20) return;
+  const auto middle = energies_.begin() + static_cast<std::ptrdiff_t>(energies_.size() / 2);
+  std::nth_element(energies_.begin(), middle, energies_.end());
+  const double factor = options_.outlier_median_factor;
+  limit = static_cast<float>(std::clamp(factor * factor * *middle, 0.5 * base, 4.0 * base));
 }
 
 bool Window::RefineCandidate(const ImmaturePoint& candidate, int host, double min_hessian, int min_good,

@@ -100,7 +100,7 @@ class Window {
   void PreparePairs();
   // One residual at the current estimate; false if outside. `row` may be null.
   bool Evaluate(const ActivePoint& point, int target, float inverse_depth, float* energy, ResidualRow* row) const;
-  double LinearizeActive();  // fills system_h_, system_b_, rows; returns the energy
+  double LinearizeActive();  // fills system(); returns the energy
   double PriorEnergy() const;
   void AddPriors(Eigen::MatrixXd* h, Eigen::VectorXd* b) const;
   bool SolveStep(double damping, Eigen::VectorXd* step, std::vector<double>* depth_steps);
@@ -108,6 +108,7 @@ class Window {
   void ApplyStep(const Eigen::VectorXd& step, const std::vector<double>& depth_steps);
   void Relinearize();
   void UpdateEnergyLimits();
+  void SetEnergyLimit(int target);
   void RemoveKeyframeFromPoints(int index);
 
   PyramidGeometry geometry_;
@@ -119,12 +120,18 @@ class Window {
   Eigen::MatrixXd prior_h_;
   Eigen::VectorXd prior_b_;
 
-  // Of the last linearization.
-  Eigen::MatrixXd system_h_;
-  Eigen::VectorXd system_b_;
-  Eigen::MatrixXd depth_rows_;  // 8n x points: H between poses and depth, in absolute unknowns
-  std::vector<double> depth_h_, depth_b_;
+  // Two linearizations: the accepted one and the one being tried.
+  struct System {
+    Eigen::MatrixXd h;
+    Eigen::VectorXd b;
+    Eigen::MatrixXd rows;  // 8n x points: H between poses and depth, in absolute unknowns
+    std::vector<double> depth_h, depth_b;
+  };
+  System systems_[2];
+  int current_system_ = 0;
+  System& system() { return systems_[current_system_]; }
   Eigen::MatrixXd scaled_rows_;
+  std::vector<float> energies_;
 };
 
 }  // namespace cairn::direct

@@ -45,8 +45,8 @@ void Window::MarginalizePoints(const std::vector<bool>& keyframe_goes) {
     // The point's quadratic at the linearization point of the poses and its own current depth, its depth eliminated.
     row.setZero();
     double h_depth = 0.0, b_depth = 0.0;
-    Eigen::MatrixXd& h = system_h_;
-    Eigen::VectorXd& b = system_b_;
+    Eigen::MatrixXd& h = system().h;
+    Eigen::VectorXd& b = system().b;
     h.setZero(unknowns, unknowns);
     b.setZero(unknowns);
     for (int t = 0; t < n; ++t) {
@@ -134,16 +134,17 @@ void Window::RemoveKeyframeFromPoints(int index) {
 Window::DenseSystem Window::Linearize() {
   DenseSystem dense;
   dense.energy = LinearizeActive();
-  const Eigen::Index unknowns = system_h_.rows(), count = static_cast<Eigen::Index>(points_.size());
+  const System& s = system();
+  const Eigen::Index unknowns = s.h.rows(), count = static_cast<Eigen::Index>(points_.size());
   dense.h = Eigen::MatrixXd::Zero(unknowns + count, unknowns + count);
   dense.b = Eigen::VectorXd::Zero(unknowns + count);
-  dense.h.topLeftCorner(unknowns, unknowns) = system_h_;
-  dense.h.topRightCorner(unknowns, count) = depth_rows_;
-  dense.h.bottomLeftCorner(count, unknowns) = depth_rows_.transpose();
-  dense.b.head(unknowns) = system_b_;
+  dense.h.topLeftCorner(unknowns, unknowns) = s.h;
+  dense.h.topRightCorner(unknowns, count) = s.rows;
+  dense.h.bottomLeftCorner(count, unknowns) = s.rows.transpose();
+  dense.b.head(unknowns) = s.b;
   for (Eigen::Index i = 0; i < count; ++i) {
-    dense.h(unknowns + i, unknowns + i) = depth_h_[i];
-    dense.b[unknowns + i] = depth_b_[i];
+    dense.h(unknowns + i, unknowns + i) = s.depth_h[i];
+    dense.b[unknowns + i] = s.depth_b[i];
   }
   return dense;
 }
