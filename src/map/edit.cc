@@ -9,8 +9,8 @@
 namespace cairn::map {
 namespace {
 
-// The observation whose descriptor has the least median distance to the others. Beyond kMost observations an even sample
-// stands for all: the choice is quadratic.
+// The observation whose descriptor has the least median distance to the others. Beyond kMost observations an even
+// sample stands for all: the choice is quadratic.
 std::size_t MostTypical(const std::vector<image::Descriptor>& descriptors) {
   constexpr std::size_t kMost = 24;
   const std::size_t step = (descriptors.size() + kMost - 1) / kMost;
@@ -260,8 +260,8 @@ void Edit::SetParent(KeyframeId child, KeyframeId parent) {
   InsertSorted(MutableKeyframe(parent).children, child);
 }
 
-// Orphans join, best covisibility first, to the erased keyframe's parent or to orphans that already joined; so the graph
-// stays a tree. Who shares nothing with any of them goes to the grandparent.
+// Orphans join, best covisibility first, to the erased keyframe's parent or to orphans that already joined; so the
+// graph stays a tree. Who shares nothing with any of them goes to the grandparent.
 void Edit::AdoptChildren(const Keyframe& orphaned) {
   std::vector<KeyframeId> orphans = orphaned.children;
   std::vector<KeyframeId> adopters = {orphaned.parent};
@@ -321,8 +321,8 @@ Delta Edit::Finish(std::string reason) {
   for (const PointId id : stale) {
     if (FindPoint(id) != nullptr) UpdatePoint(id);
   }
-  // A new keyframe hangs below the keyframe it shares most with; a keyframe of the same edit only if it came earlier, so
-  // that there is no cycle.
+  // A new keyframe hangs below the keyframe it shares most with; a keyframe of the same edit only if it came earlier,
+  // so that there is no cycle.
   for (const KeyframeId id : ChangedKeyframes()) {
     if (keyframe(id).parent || base_->keyframes().Contains(id)) continue;
     for (const CovisibilityEdge& edge : std::vector<CovisibilityEdge>(keyframe(id).covisible)) {
@@ -330,6 +330,10 @@ Delta Edit::Finish(std::string reason) {
         SetParent(id, edge.keyframe);
         break;
       }
+    }
+    const auto fallback = link_if_alone_.find(id);
+    if (!keyframe(id).parent && fallback != link_if_alone_.end() && FindKeyframe(fallback->second) != nullptr) {
+      SetParent(id, fallback->second);
     }
   }
 

@@ -1,5 +1,5 @@
-// A change in the making: reads fall through to the Snapshot it started from, writes stay here until Finish() turns them into
-// a Delta. Mapping works on an Edit and keeps the links between entities true through it.
+// A change in the making: reads fall through to the Snapshot it started from, writes stay here until Finish() turns
+// them into a Delta. Mapping works on an Edit and keeps the links between entities true through it.
 #pragma once
 
 #include <memory>
@@ -22,8 +22,8 @@ class Edit {
   // Null if it does not exist (or was erased here).
   const Keyframe* FindKeyframe(KeyframeId id) const;
   const MapPoint* FindPoint(PointId id) const;
-  // The entity must exist. References stay valid until the entity is erased or the Edit finishes; a reference from before
-  // the first change of an entity keeps showing the old value.
+  // The entity must exist. References stay valid until the entity is erased or the Edit finishes; a reference from
+  // before the first change of an entity keeps showing the old value.
   const Keyframe& keyframe(KeyframeId id) const { return *FindKeyframe(id); }
   const MapPoint& point(PointId id) const { return *FindPoint(id); }
   const Pinhole& pinhole(CameraId id) const;
@@ -43,7 +43,11 @@ class Edit {
   // Erases the point when fewer than `min_observations` would be left.
   void RemoveObservation(PointId point, KeyframeId keyframe, int min_observations = 2);
   void ErasePoint(PointId id);
-  // Unlinks its points and hands its children to other parents. The root of a spanning tree cannot be erased (returns false).
+  // Makes `parent` the parent of a new keyframe, should Finish() find none that shares points with it: a map that goes
+  // on after a loss stays one tree. `parent` must be older.
+  void LinkIfAlone(KeyframeId keyframe, KeyframeId parent) { link_if_alone_[keyframe] = parent; }
+  // Unlinks its points and hands its children to other parents. The root of a spanning tree cannot be erased (returns
+  // false).
   bool EraseKeyframe(KeyframeId id, int min_observations = 2);
   // Moves the observations of `from` to `into` where `into` has none, and erases `from`.
   void FusePoints(PointId from, PointId into);
@@ -79,6 +83,7 @@ class Edit {
   std::unordered_map<PointId, std::shared_ptr<MapPoint>> points_;
   std::set<KeyframeId> stale_covisibility_;
   std::set<PointId> stale_points_;
+  std::unordered_map<KeyframeId, KeyframeId> link_if_alone_;
   KeyframeId next_keyframe_;
   PointId next_point_;
 };

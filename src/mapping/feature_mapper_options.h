@@ -50,6 +50,11 @@ struct FeatureMapperOptions {
   int first_iterations = 3;
   int second_iterations = 5;
 
+  // At the end of a session: a bundle adjustment of all that it added, if it has no more keyframes than this (0:
+  // never).
+  int max_final_keyframes = 400;
+  int final_iterations = 15;
+
   // Culling.
   double min_found_ratio = 0.25;
   int min_observations = 3;      // of a point that is older than ...

@@ -1,0 +1,39 @@
+// Keeps the map free of clutter (Mur-Artal et al., "ORB-SLAM", T-RO 2015, Sec. VI-B and VI-E): points that are not
+// found where they should be seen, or that too few keyframes came to observe; keyframes that show nothing that others
+// do not show as well.
+#pragma once
+
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "map/edit.h"
+#include "mapping/feature_mapper_options.h"
+
+namespace cairn::mapping {
+
+// Watches points until they have proved themselves.
+class PointCuller {
+ public:
+  void Watch(std::span<const PointId> points, int keyframe_count);
+  // Erases the watched points that fail; `keyframe_count` counts the keyframes inserted so far. Returns how many.
+  int Cull(map::Edit& edit, int keyframe_count, const FeatureMapperOptions& options);
+
+ private:
+  struct Entry {
+    PointId point;
+    int born = 0;
+  };
+  std::vector<Entry> watched_;
+};
+
+// Share of the points of a keyframe that at least `observers` others see at the same or a finer scale (one octave of
+// slack). 0 without points.
+double RedundantShare(const map::Edit& edit, KeyframeId keyframe, int observers);
+
+// The keyframes around `keyframe` that can go, one after the other, given that the earlier ones went. They are erased
+// by `erase`, which returns false to keep one.
+int CullKeyframes(map::Edit& edit, KeyframeId keyframe, const FeatureMapperOptions& options,
+                  const std::function<bool(KeyframeId)>& erase);
+
+}  // namespace cairn::mapping

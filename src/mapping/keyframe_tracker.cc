@@ -1,0 +1,161 @@
+#include "mapping/keyframe_tracker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <unordered_map>
+#include <unordered_set>
+
+#include "optimization/pose_refinement.h"
+#include "tracking/local_map.h"
+
+namespace cairn::mapping {
+namespace {
+
+// The radius that projection search uses for a point seen from aside, per unit of its radius factor.
+constexpr double kObliqueRadiusPx = 4.0;
+constexpr std::size_t kMaxNearby = 20;
+
+std::vector<const map::MapPoint*> LocalPoints(const map::Snapshot& map, std::span<const PointId> seen,
+                                              KeyframeId anchor, std::span<const KeyframeId> nearby,
+                                              const FeatureMapperOptions& options) {
+  tracking::LocalMapOptions local_options;
+  local_options.max_keyframes = options.max_local_keyframes;
+  std::vector<KeyframeId> keyframes;
+  std::unordered_set<KeyframeId> known;
+  const auto add = [&](KeyframeId id) {
+    if (id && known.insert(id).second) keyframes.push_back(id);
+  };
+  add(anchor);
+  for (const KeyframeId id : nearby) add(id);
+  if (!seen.empty()) {
+    for (const KeyframeId id : tracking::LocalMapOfPoints(map, seen, local_options).keyframes) add(id);
+  }
+  local_options.max_keyframes = static_cast<int>(std::max<std::size_t>(1, keyframes.size()));
+  if (seen.empty()) {
+    local_options.max_keyframes = options.max_local_keyframes;
+  } else {
+    local_options.neighbours_per_keyframe = 0;
+    local_options.tree_neighbours = false;
+  }
+  return tracking::LocalMapOfKeyframes(map, keyframes, local_options).points;
+}
+
+struct Round {
+  bool ok = false;
+  SE3 camera_from_map;
+  std::vector<tracking::PointMatch> inliers;
+  std::vector<std::uint32_t> visible;
+  int matches = 0;
+};
+
+Round MatchAndRefine(const tracking::FeatureView& view, const SE3& seed, std::span<const map::MapPoint* const> points,
+                     const image::OrbParameters& orb, const tracking::ProjectionOptions& projection) {
+  Round round;
+  tracking::ProjectionMatches matched = tracking::MatchByProjection(view, seed, points, orb, projection);
+  round.matches = static_cast<int>(matched.matches.size());
+  round.visible = std::move(matched.visible);
+  std::vector<optimization::PoseObservation> observations;
+  observations.reserve(matched.matches.size());
+  for (const tracking::PointMatch& match : matched.matches) {
+    const image::Keypoint& keypoint = view.features.keypoints[match.feature];
+    observations.push_back(
+        {points[match.point]->position, Vector2d(keypoint.x_px, keypoint.y_px), orb.Scale(keypoint.octave)});
+  }
+  const auto refined = optimization::RefinePose(view.pinhole, seed, observations);
+  if (!refined.ok()) return round;
+  round.ok = true;
+  round.camera_from_map = refined->camera_from_map;
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    if (refined->inlier[i]) round.inliers.push_back(matched.matches[i]);
+  }
+  return round;
+}
+
+double MedianDepth(const SE3& camera_from_map, std::span<const map::MapPoint* const> points,
+                   std::span<const tracking::PointMatch> inliers) {
+  std::vector<double> depths;
+  for (const auto& match : inliers) depths.push_back((camera_from_map * points[match.point]->position).z());
+  if (depths.empty()) return 0.0;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return *middle;
+}
+
+KeyframeId MostSharing(std::span<const map::MapPoint* const> points, std::span<const tracking::PointMatch> inliers) {
+  std::unordered_map<KeyframeId, int> count;
+  for (const auto& match : inliers) {
+    for (const map::Observation& observation : points[match.point]->observations) ++count[observation.keyframe];
+  }
+  KeyframeId best;
+  int best_count = 0;
+  for (const auto& [id, shared] : count) {
+    // The newer of equal ones, whatever the order of the table.
+    if (shared > best_count || (shared == best_count && id > best)) {
+      best = id;
+      best_count = shared;
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, const SE3& camera_from_map, double max_distance,
+                                        double max_angle_deg, std::size_t max_count) {
+  const double min_cosine = std::cos(max_angle_deg * std::numbers::pi / 180.0);
+  const Vector3d centre = camera_from_map.Inverse().translation();
+  const Vector3d axis = camera_from_map.rotation().conjugate() * Vector3d::UnitZ();
+  std::vector<std::pair<double, KeyframeId>> found;
+  map.keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+    const double cosine = axis.dot(keyframe->camera_from_map.rotation().conjugate() * Vector3d::UnitZ());
+    if (cosine < min_cosine) return;
+    const double distance = (keyframe->CenterInMap() - centre).norm();
+    if (distance > max_distance) return;
+    found.emplace_back(distance / max_distance + (1.0 - cosine) / (1.0 - min_cosine), keyframe->id);
+  });
+  std::sort(found.begin(), found.end());
+  if (found.size() > max_count) found.resize(max_count);
+  std::vector<KeyframeId> ids;
+  for (const auto& [score, id] : found) ids.push_back(id);
+  return ids;
+}
+
+TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureView& view, const SE3& seed,
+                              std::span<const PointId> seen, KeyframeId anchor, double median_depth,
+                              double radius_factor, const FeatureMapperOptions& options) {
+  TrackedKeyframe result;
+  result.camera_from_map = seed;
+  result.points.assign(view.features.size(), PointId());
+  const image::OrbParameters& orb = map.info().orb;
+  const double reach = options.neighbour_distance * median_depth;
+
+  tracking::ProjectionOptions projection;
+  projection.radius_factor = radius_factor * options.search_radius_px / kObliqueRadiusPx;
+  result.nearby = NearbyKeyframes(map, seed, reach, options.neighbour_angle_deg, kMaxNearby);
+  auto points = LocalPoints(map, seen, anchor, result.nearby, options);
+  Round round = MatchAndRefine(view, seed, points, orb, projection);
+  result.matches = round.matches;
+  if (!round.ok || static_cast<int>(round.inliers.size()) < options.min_inliers / 2) return result;
+
+  std::vector<PointId> agreed;
+  for (const auto& match : round.inliers) agreed.push_back(points[match.point]->id);
+  projection.radius_factor = options.refined_search_radius_px / kObliqueRadiusPx;
+  const SE3 first = round.camera_from_map;
+  result.nearby = NearbyKeyframes(map, first, reach, options.neighbour_angle_deg, kMaxNearby);
+  points = LocalPoints(map, agreed, anchor, result.nearby, options);
+  round = MatchAndRefine(view, first, points, orb, projection);
+  result.matches = round.matches;
+  result.inliers = static_cast<int>(round.inliers.size());
+  if (!round.ok || result.inliers < options.min_inliers) return result;
+
+  result.tracked = true;
+  result.camera_from_map = round.camera_from_map;
+  for (const auto& match : round.inliers) result.points[match.feature] = points[match.point]->id;
+  for (const std::uint32_t index : round.visible) result.visible.push_back(points[index]->id);
+  result.reference = MostSharing(points, round.inliers);
+  result.median_depth = MedianDepth(result.camera_from_map, points, round.inliers);
+  return result;
+}
+
+}  // namespace cairn::mapping

@@ -1,0 +1,137 @@
+#include "mapping/local_adjustment.h"
+
+#include <algorithm>
+#include <map>
+#include <unordered_map>
+#include <unordered_set>
+
+namespace cairn::mapping {
+namespace {
+
+using optimization::BundleProblem;
+
+struct Built {
+  BundleProblem problem;
+  std::vector<KeyframeId> keyframes;  // per pose
+  std::vector<PointId> points;        // per point
+};
+
+std::vector<PointId> PointsOf(const map::Edit& edit, std::span<const KeyframeId> keyframes) {
+  std::vector<PointId> points;
+  for (const KeyframeId id : keyframes) {
+    for (const PointId point : edit.keyframe(id).points) {
+      // A single ray adds nothing.
+      if (point && edit.point(point).observations.size() >= 2) points.push_back(point);
+    }
+  }
+  std::sort(points.begin(), points.end());
+  points.erase(std::unique(points.begin(), points.end()), points.end());
+  return points;
+}
+
+// The keyframes that are not free but see the points, most points first.
+std::vector<KeyframeId> Observers(const map::Edit& edit, std::span<const PointId> points,
+                                  const std::unordered_set<KeyframeId>& free, int max_count) {
+  std::map<KeyframeId, int> count;
+  for (const PointId point : points) {
+    for (const map::Observation& observation : edit.point(point).observations) {
+      if (!free.contains(observation.keyframe)) ++count[observation.keyframe];
+    }
+  }
+  std::vector<std::pair<int, KeyframeId>> order;
+  for (const auto& [id, seen] : count) order.emplace_back(-seen, id);
+  std::sort(order.begin(), order.end());
+  if (max_count > 0 && static_cast<int>(order.size()) > max_count) order.resize(static_cast<std::size_t>(max_count));
+  std::vector<KeyframeId> observers;
+  for (const auto& [seen, id] : order) observers.push_back(id);
+  return observers;
+}
+
+Built Build(const map::Edit& edit, std::span<const KeyframeId> free, int max_fixed) {
+  Built built;
+  const std::unordered_set<KeyframeId> is_free(free.begin(), free.end());
+  built.points = PointsOf(edit, free);
+  const std::vector<KeyframeId> fixed = Observers(edit, built.points, is_free, max_fixed);
+  built.keyframes.assign(free.begin(), free.end());
+  built.keyframes.insert(built.keyframes.end(), fixed.begin(), fixed.end());
+  const KeyframeId anchor = fixed.empty() ? *std::min_element(free.begin(), free.end()) : KeyframeId();
+
+  std::unordered_map<CameraId, std::uint32_t> camera_of;
+  std::unordered_map<KeyframeId, std::uint32_t> pose_of;
+  for (std::uint32_t i = 0; i < built.keyframes.size(); ++i) {
+    const map::Keyframe& keyframe = edit.keyframe(built.keyframes[i]);
+    const auto [camera, added] =
+        camera_of.try_emplace(keyframe.camera, static_cast<std::uint32_t>(built.problem.cameras.size()));
+    if (added) built.problem.cameras.push_back(edit.pinhole(keyframe.camera));
+    pose_of[keyframe.id] = i;
+    built.problem.poses.push_back(
+        {keyframe.camera_from_map, camera->second, i >= free.size() || keyframe.id == anchor});
+  }
+  std::vector<double> sigma;
+  for (int octave = 0; octave < edit.info().orb.num_levels; ++octave) sigma.push_back(edit.info().orb.Scale(octave));
+  for (std::uint32_t p = 0; p < built.points.size(); ++p) {
+    const map::MapPoint& point = edit.point(built.points[p]);
+    built.problem.points.push_back(point.position);
+    for (const map::Observation& observation : point.observations) {
+      const auto pose = pose_of.find(observation.keyframe);
+      if (pose == pose_of.end()) continue;
+      const image::Keypoint& keypoint = edit.keyframe(observation.keyframe).keypoints()[observation.feature];
+      built.problem.observations.push_back(
+          {pose->second, p, Vector2d(keypoint.x_px, keypoint.y_px), sigma[keypoint.octave]});
+    }
+  }
+  return built;
+}
+
+}  // namespace
+
+std::vector<KeyframeId> KeyframesToAdjust(const map::Edit& edit, KeyframeId keyframe, int max_count) {
+  std::vector<KeyframeId> free = {keyframe};
+  for (const map::CovisibilityEdge& edge : edit.keyframe(keyframe).covisible) {
+    if (static_cast<int>(free.size()) >= max_count || edge.shared_points < map::kMinCovisiblePoints) break;
+    free.push_back(edge.keyframe);
+  }
+  std::sort(free.begin(), free.end());
+  return free;
+}
+
+absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span<const KeyframeId> free,
+                                                      const LocalAdjustmentOptions& options) {
+  LocalAdjustmentReport report;
+  if (free.empty()) return report;
+  const Built built = Build(edit, free, options.max_fixed_keyframes);
+  report.keyframes = static_cast<int>(free.size());
+  report.fixed_keyframes = static_cast<int>(built.keyframes.size() - free.size());
+  report.points = static_cast<int>(built.points.size());
+  report.observations = static_cast<int>(built.problem.observations.size());
+  if (built.points.empty() || built.keyframes.size() < 2) return report;
+
+  optimization::BundleAdjustmentOptions adjustment;
+  adjustment.first_iterations = options.first_iterations;
+  adjustment.second_iterations = options.second_iterations;
+  CAIRN_ASSIGN_OR_RETURN(const optimization::BundleResult result,
+                         optimization::AdjustBundle(built.problem, adjustment));
+  report.adjusted = true;
+  report.iterations = result.iterations;
+  report.rmse = result.inlier_rmse;
+  for (std::size_t i = 0; i < built.keyframes.size(); ++i) {
+    if (!built.problem.poses[i].fixed) edit.SetPose(built.keyframes[i], result.camera_from_map[i]);
+  }
+  std::vector<int> inliers(built.points.size(), 0);
+  for (std::size_t i = 0; i < result.inlier.size(); ++i)
+    inliers[built.problem.observations[i].point] += result.inlier[i];
+  for (std::size_t p = 0; p < built.points.size(); ++p) {
+    if (inliers[p] >= 2) edit.SetPosition(built.points[p], result.points[p]);
+  }
+  for (std::size_t i = 0; i < result.inlier.size(); ++i) {
+    if (result.inlier[i]) continue;
+    const optimization::BundleObservation& observation = built.problem.observations[i];
+    const PointId point = built.points[observation.point];
+    if (edit.FindPoint(point) == nullptr) continue;  // gone with an earlier observation
+    edit.RemoveObservation(point, built.keyframes[observation.pose]);
+    ++report.rejected_observations;
+  }
+  return report;
+}
+
+}  // namespace cairn::mapping

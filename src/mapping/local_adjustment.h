@@ -1,0 +1,39 @@
+// Bundle adjustment of a part of the map, in an Edit: the keyframes given move, all their points move, every other
+// keyframe that sees these points holds them in place.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "base/status.h"
+#include "map/edit.h"
+#include "optimization/bundle_adjustment.h"
+
+namespace cairn::mapping {
+
+struct LocalAdjustmentOptions {
+  int first_iterations = 3;
+  int second_iterations = 5;
+  int max_fixed_keyframes = 30;  // those that see most of the points; 0: all
+};
+
+struct LocalAdjustmentReport {
+  bool adjusted = false;  // false: there was nothing to adjust
+  int keyframes = 0;
+  int fixed_keyframes = 0;
+  int points = 0;
+  int observations = 0;
+  int rejected_observations = 0;
+  int iterations = 0;
+  double rmse = 0.0;  // of whitened inlier residuals
+};
+
+// The new keyframe and its best covisible neighbours, at most `max_count`.
+std::vector<KeyframeId> KeyframesToAdjust(const map::Edit& edit, KeyframeId keyframe, int max_count);
+
+// `free` are the keyframes to move. If no other keyframe sees their points, the oldest of them is held: it anchors the
+// map. Observations that turn out wrong are removed, points with fewer than two left are erased.
+absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span<const KeyframeId> free,
+                                                      const LocalAdjustmentOptions& options = {});
+
+}  // namespace cairn::mapping
