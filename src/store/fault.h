@@ -23,7 +23,7 @@ enum class Fault {
 // "damaged", "newer_version", ...: what `--json` prints.
 absl::string_view FaultName(Fault fault);
 
-// kNone if the status is ok or carries no fault. Survives Annotate() only if that keeps payloads; use AnnotateFault().
+// kNone if the status is ok or carries no fault. Annotate() keeps it.
 Fault FaultOf(const absl::Status& status);
 inline bool IsDamaged(const absl::Status& status) { return FaultOf(status) == Fault::kDamaged; }
 inline bool IsNewerVersion(const absl::Status& status) { return FaultOf(status) == Fault::kNewerVersion; }
@@ -32,7 +32,5 @@ inline bool IsNewerVersion(const absl::Status& status) { return FaultOf(status) 
 // Unimplemented (kNewerVersion), Unavailable (kBusy), ResourceExhausted (kFull), PermissionDenied (kReadOnly), Internal
 // (kIo).
 absl::Status MakeFault(Fault fault, absl::string_view message);
-// The same fault and code with `context` in front of the message.
-absl::Status AnnotateFault(const absl::Status& status, absl::string_view context);
 
 }  // namespace cairn::store

@@ -1,0 +1,182 @@
+#include "store/blobs.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace cairn::store {
+namespace {
+
+using image::Keypoint;
+
+template <class T>
+void Append(std::string* out, T value) {
+  out->append(reinterpret_cast<const char*>(&value), sizeof(value));
+}
+
+// The i-th number of an array of T that starts `offset` bytes into a blob.
+template <class T>
+T At(Bytes bytes, std::size_t offset, std::size_t i) {
+  T value;
+  std::memcpy(&value, bytes.data() + offset + i * sizeof(T), sizeof(T));
+  return value;
+}
+
+bool IsFixedPoint(float px) {
+  const float scaled = px * kFixedPointPerPx;
+  return scaled >= 0.0f && scaled <= 65535.0f && std::trunc(scaled) == scaled && !std::signbit(px);
+}
+
+int BytesPerWord(const std::vector<std::uint32_t>& words) {
+  if (words.empty()) return 0;
+  const std::uint32_t largest = *std::max_element(words.begin(), words.end());
+  return largest < (1u << 8) ? 1 : largest < (1u << 16) ? 2 : largest < (1u << 24) ? 3 : 4;
+}
+
+std::size_t BytesPerKeypoint(KeypointLayout layout) { return layout == KeypointLayout::kFixedPoint ? 9 : 13; }
+
+void AppendVarint(std::string* out, std::uint64_t value) {
+  while (value >= 0x80) {
+    out->push_back(static_cast<char>(value | 0x80));
+    value >>= 7;
+  }
+  out->push_back(static_cast<char>(value));
+}
+
+// False if the bytes end within the number or it has more than 63 bits.
+bool ReadVarint(Bytes bytes, std::size_t* at, std::uint64_t* value) {
+  *value = 0;
+  for (int shift = 0; shift < 63; shift += 7) {
+    if (*at >= bytes.size()) return false;
+    const std::uint8_t byte = bytes[(*at)++];
+    *value |= static_cast<std::uint64_t>(byte & 0x7f) << shift;
+    if ((byte & 0x80) == 0) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+PackedFeatures PackFeatures(const map::KeyframeFeatures& features) {
+  const std::vector<Keypoint>& keypoints = features.features.keypoints;
+  PackedFeatures packed;
+  packed.count = static_cast<int>(keypoints.size());
+  const bool fixed_point = std::all_of(keypoints.begin(), keypoints.end(), [](const Keypoint& keypoint) {
+    return IsFixedPoint(keypoint.x_px) && IsFixedPoint(keypoint.y_px);
+  });
+  packed.layout = fixed_point ? KeypointLayout::kFixedPoint : KeypointLayout::kFloat32;
+  packed.keypoints.reserve(keypoints.size() * BytesPerKeypoint(packed.layout));
+  const auto append_px = [&packed, fixed_point](float px) {
+    if (fixed_point) {
+      Append(&packed.keypoints, static_cast<std::uint16_t>(px * kFixedPointPerPx));
+    } else {
+      Append(&packed.keypoints, px);
+    }
+  };
+  for (const Keypoint& keypoint : keypoints) append_px(keypoint.x_px);
+  for (const Keypoint& keypoint : keypoints) append_px(keypoint.y_px);
+  for (const Keypoint& keypoint : keypoints) Append(&packed.keypoints, keypoint.angle_rad);
+  for (const Keypoint& keypoint : keypoints) Append(&packed.keypoints, keypoint.octave);
+
+  const auto& descriptors = features.features.descriptors;
+  packed.descriptors.assign(reinterpret_cast<const char*>(descriptors.data()),
+                            descriptors.size() * sizeof(image::Descriptor));
+
+  packed.word_bytes = BytesPerWord(features.words);
+  packed.words.reserve(features.words.size() * static_cast<std::size_t>(packed.word_bytes));
+  for (const std::uint32_t word : features.words) {
+    packed.words.append(reinterpret_cast<const char*>(&word), static_cast<std::size_t>(packed.word_bytes));
+  }
+  return packed;
+}
+
+absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::int64_t layout, std::int64_t word_bytes,
+                                                     Bytes keypoints, Bytes descriptors, Bytes words) {
+  const auto chosen = static_cast<KeypointLayout>(layout);
+  if (chosen != KeypointLayout::kFloat32 && chosen != KeypointLayout::kFixedPoint) {
+    return absl::DataLossError(absl::StrCat("keypoint layout ", layout, " is unknown"));
+  }
+  const std::size_t n = descriptors.size() / sizeof(image::Descriptor);
+  if (count < 0 || n != static_cast<std::uint64_t>(count) || descriptors.size() % sizeof(image::Descriptor) != 0 ||
+      keypoints.size() != n * BytesPerKeypoint(chosen)) {
+    return absl::DataLossError(absl::StrCat("the blobs do not hold ", count, " keypoints and descriptors"));
+  }
+  if (word_bytes < 0 || word_bytes > 4 || words.size() != n * static_cast<std::uint64_t>(word_bytes)) {
+    return absl::DataLossError(absl::StrCat("the blob of words does not hold ", count, " of ", word_bytes, " bytes"));
+  }
+
+  map::KeyframeFeatures features;
+  features.features.keypoints.resize(n);
+  const bool fixed_point = chosen == KeypointLayout::kFixedPoint;
+  const std::size_t px_bytes = fixed_point ? 2 : 4;
+  const auto px_at = [&](std::size_t offset, std::size_t i) {
+    return fixed_point ? static_cast<float>(At<std::uint16_t>(keypoints, offset, i)) / kFixedPointPerPx
+                       : At<float>(keypoints, offset, i);
+  };
+  for (std::size_t i = 0; i < n; ++i) {
+    Keypoint& keypoint = features.features.keypoints[i];
+    keypoint.x_px = px_at(0, i);
+    keypoint.y_px = px_at(px_bytes * n, i);
+    keypoint.angle_rad = At<float>(keypoints, 2 * px_bytes * n, i);
+    keypoint.octave = At<std::uint8_t>(keypoints, (2 * px_bytes + 4) * n, i);
+  }
+  features.features.descriptors.resize(n);
+  if (n > 0) std::memcpy(features.features.descriptors.data(), descriptors.data(), descriptors.size());
+
+  if (word_bytes > 0) features.words.assign(n, 0);
+  for (std::size_t i = 0; i < features.words.size(); ++i) {
+    std::memcpy(&features.words[i], words.data() + i * static_cast<std::size_t>(word_bytes),
+                static_cast<std::size_t>(word_bytes));
+  }
+  return features;
+}
+
+std::string PackPointIds(const std::vector<PointId>& ids) {
+  std::string out;
+  out.reserve(2 * ids.size());
+  std::int64_t last = 0;
+  for (const PointId id : ids) {
+    if (!id) {
+      out.push_back('\0');
+      continue;
+    }
+    const std::int64_t step = static_cast<std::int64_t>(id.value()) - last;
+    const auto zigzag = static_cast<std::uint64_t>(step >= 0 ? 2 * step : -2 * step - 1);
+    AppendVarint(&out, zigzag + 1);
+    last = id.value();
+  }
+  return out;
+}
+
+absl::StatusOr<std::vector<PointId>> UnpackPointIds(std::size_t count, Bytes bytes) {
+  if (bytes.size() < count) return absl::DataLossError(absl::StrCat("the blob is too short for ", count, " features"));
+  std::vector<PointId> ids(count);
+  std::size_t at = 0;
+  std::int64_t last = 0;
+  for (PointId& id : ids) {
+    std::uint64_t value = 0;
+    if (!ReadVarint(bytes, &at, &value)) return absl::DataLossError("a number in the blob is cut off");
+    if (value == 0) continue;
+    const std::uint64_t zigzag = value - 1;
+    if (zigzag > (std::uint64_t{1} << 34)) return absl::DataLossError("a number in the blob is too large");
+    const auto half = static_cast<std::int64_t>(zigzag >> 1);
+    last += (zigzag & 1) != 0 ? -half - 1 : half;
+    if (last < 1 || last > 0xffffffffll) return absl::DataLossError("an id in the blob is out of range");
+    id = PointId(static_cast<PointId::Value>(last));
+  }
+  if (at != bytes.size()) return absl::DataLossError(absl::StrCat("the blob holds more than ", count, " features"));
+  return ids;
+}
+
+std::string PackDoubles(const std::vector<double>& values) {
+  return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(double));
+}
+
+absl::StatusOr<std::vector<double>> UnpackDoubles(Bytes bytes) {
+  if (bytes.size() % sizeof(double) != 0) return absl::DataLossError("the blob does not hold whole numbers");
+  std::vector<double> values(bytes.size() / sizeof(double));
+  if (!values.empty()) std::memcpy(values.data(), bytes.data(), bytes.size());
+  return values;
+}
+
+}  // namespace cairn::store

@@ -1,0 +1,47 @@
+// The packed blobs of a keyframe (docs/map-format.md, "Blobs"): features, which never change, and the points they
+// observe. All numbers little-endian. Every encoding is lossless to the bit. Decoding checks everything it reads.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/ids.h"
+#include "base/status.h"
+#include "image/feature.h"
+#include "map/entities.h"
+#include "store/sqlite.h"
+
+namespace cairn::store {
+
+// How positions of keypoints are written.
+enum class KeypointLayout : int {
+  kFloat32 = 0,  // as they are
+  kFixedPoint =
+      1,  // 16-bit multiples of 1/32 px: used if, and only if, that is exact for every keypoint of the keyframe
+};
+inline constexpr float kFixedPointPerPx = 32.0f;
+
+struct PackedFeatures {
+  int count = 0;
+  KeypointLayout layout = KeypointLayout::kFloat32;
+  int word_bytes = 0;  // 1 to 4 per word; 0: there are none
+  std::string keypoints;
+  std::string descriptors;
+  std::string words;
+};
+
+PackedFeatures PackFeatures(const map::KeyframeFeatures& features);
+// DataLoss (without a fault: the caller knows which row) if lengths and values do not fit.
+absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::int64_t layout, std::int64_t word_bytes,
+                                                     Bytes keypoints, Bytes descriptors, Bytes words);
+
+// Per feature one varint: 0 for none, else 1 + zigzag(id - id of the last feature that had one).
+std::string PackPointIds(const std::vector<PointId>& ids);
+absl::StatusOr<std::vector<PointId>> UnpackPointIds(std::size_t count, Bytes bytes);
+
+// Doubles one after another.
+std::string PackDoubles(const std::vector<double>& values);
+absl::StatusOr<std::vector<double>> UnpackDoubles(Bytes bytes);
+
+}  // namespace cairn::store

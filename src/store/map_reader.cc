@@ -1,0 +1,301 @@
+#include "store/map_reader.h"
+
+#include <algorithm>
+#include <unordered_map>
+#include <utility>
+
+#include "map/viewing.h"
+#include "store/blobs.h"
+#include "store/fault.h"
+
+namespace cairn::store {
+namespace {
+
+std::string Describe(const Finding& finding) {
+  if (finding.table.empty()) return finding.message;
+  if (finding.id == 0) return absl::StrCat("table ", finding.table, ": ", finding.message);
+  return absl::StrCat("table ", finding.table, " row ", finding.id, ": ", finding.message);
+}
+
+}  // namespace
+
+absl::Status DamagedBy(const Finding& finding) {
+  return MakeFault(Fault::kDamaged, absl::StrCat("the file is damaged: ", Describe(finding)));
+}
+
+absl::Status MapReader::Report(absl::string_view table, std::int64_t id, absl::string_view message) {
+  return sink_(Finding{std::string(table), id, std::string(message)});
+}
+
+template <class Value, class Take>
+absl::Status MapReader::ReadTable(const TableSpec& table, Take take) {
+  CAIRN_ASSIGN_OR_RETURN(Statement rows,
+                         database_->Prepare(table.SelectSql(absl::StrCat("ORDER BY ", table.columns[0]))));
+  Row row;
+  while (true) {
+    const absl::StatusOr<bool> found = rows.Step();
+    if (!found.ok()) {
+      // Damaged pages: what comes after cannot be read.
+      if (!IsDamaged(found.status())) return found.status();
+      return Report(table.name, 0, found.status().message());
+    }
+    if (!*found) return absl::OkStatus();
+    const std::int64_t id = rows.Int(0);
+    Value value;
+    if (!row.ReadWithChecksum(rows)) {
+      CAIRN_RETURN_IF_ERROR(Report(table.name, id, "wrong checksum"));
+    } else if (const absl::Status status = FromRow(rows, &value); !status.ok()) {
+      CAIRN_RETURN_IF_ERROR(Report(table.name, id, status.message()));
+    } else {
+      take(std::move(value));
+    }
+  }
+}
+
+absl::Status MapReader::ReadInfo() {
+  int rows = 0;
+  CAIRN_RETURN_IF_ERROR(ReadTable<MapRow>(kMapTable, [&](MapRow&& value) {
+    map_row_ = std::move(value);
+    ++rows;
+  }));
+  return rows == 1 ? absl::OkStatus() : Report("map", 0, absl::StrCat("there are ", rows, " good rows instead of one"));
+}
+
+absl::Status MapReader::ReadEntities() {
+  CAIRN_RETURN_IF_ERROR(ReadTable<map::MapCamera>(
+      kCamerasTable, [&](map::MapCamera&& value) { content_.cameras.push_back(std::move(value)); }));
+  CAIRN_RETURN_IF_ERROR(ReadTable<map::Session>(
+      kSessionsTable, [&](map::Session&& value) { content_.sessions.push_back(std::move(value)); }));
+  CAIRN_RETURN_IF_ERROR(ReadTable<map::Keyframe>(kKeyframesTable, [&](map::Keyframe&& value) {
+    keyframes_.push_back(std::make_shared<map::Keyframe>(std::move(value)));
+  }));
+  CAIRN_RETURN_IF_ERROR(ReadFeatures());
+  CAIRN_RETURN_IF_ERROR(ReadPointIds());
+  CAIRN_RETURN_IF_ERROR(ReadTable<PointRow>(kPointsTable, [&](PointRow&& value) { points_.push_back(value); }));
+  CAIRN_RETURN_IF_ERROR(ReadTable<EdgeRow>(kCovisibilityTable, [&](EdgeRow&& value) { edges_.push_back(value); }));
+  return CheckCounts();
+}
+
+map::Keyframe* MapReader::FindKeyframe(std::int64_t id) {
+  const auto at = std::lower_bound(
+      keyframes_.begin(), keyframes_.end(), id,
+      [](const auto& keyframe, std::int64_t key) { return static_cast<std::int64_t>(keyframe->id.value()) < key; });
+  if (at == keyframes_.end() || static_cast<std::int64_t>((*at)->id.value()) != id) return nullptr;
+  return at->get();
+}
+
+absl::Status MapReader::ReadFeatures() {
+  const absl::string_view table = kFeaturesTable.name;
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kFeaturesTable.SelectSql("ORDER BY keyframe")));
+  while (true) {
+    const absl::StatusOr<bool> found = rows.Step();
+    if (!found.ok()) {
+      if (!IsDamaged(found.status())) return found.status();
+      CAIRN_RETURN_IF_ERROR(Report(table, 0, found.status().message()));
+      break;
+    }
+    if (!*found) break;
+    const std::int64_t id = rows.Int(0);
+    const Bytes keypoints = rows.Blob(7), descriptors = rows.Blob(8), words = rows.Blob(9);
+    absl::string_view wrong;
+    if (rows.Int(4) != BlobChecksum(keypoints)) wrong = "keypoints: wrong checksum";
+    if (rows.Int(5) != BlobChecksum(descriptors)) wrong = "descriptors: wrong checksum";
+    if (rows.Int(6) != BlobChecksum(words)) wrong = "words: wrong checksum";
+    map::Keyframe* keyframe = FindKeyframe(id);
+    if (keyframe == nullptr) wrong = "there is no such keyframe";
+    if (!wrong.empty()) {
+      CAIRN_RETURN_IF_ERROR(Report(table, id, wrong));
+      continue;
+    }
+    auto features = UnpackFeatures(rows.Int(1), rows.Int(2), rows.Int(3), keypoints, descriptors, words);
+    if (!features.ok()) {
+      CAIRN_RETURN_IF_ERROR(Report(table, id, features.status().message()));
+      continue;
+    }
+    keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
+  }
+  for (const auto& keyframe : keyframes_) {
+    if (!keyframe->features) CAIRN_RETURN_IF_ERROR(Report(table, keyframe->id.value(), "no good row for the keyframe"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status MapReader::ReadPointIds() {
+  const absl::string_view table = kKeyframePointsTable.name;
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kKeyframePointsTable.SelectSql("ORDER BY keyframe")));
+  std::size_t good = 0;
+  while (true) {
+    const absl::StatusOr<bool> found = rows.Step();
+    if (!found.ok()) {
+      if (!IsDamaged(found.status())) return found.status();
+      CAIRN_RETURN_IF_ERROR(Report(table, 0, found.status().message()));
+      break;
+    }
+    if (!*found) break;
+    const std::int64_t id = rows.Int(0);
+    const Bytes packed = rows.Blob(2);
+    map::Keyframe* keyframe = FindKeyframe(id);
+    if (rows.Int(1) != BlobChecksum(packed)) {
+      CAIRN_RETURN_IF_ERROR(Report(table, id, "point_ids: wrong checksum"));
+    } else if (keyframe == nullptr) {
+      CAIRN_RETURN_IF_ERROR(Report(table, id, "there is no such keyframe"));
+    } else if (keyframe->features) {
+      auto ids = UnpackPointIds(keyframe->features->features.size(), packed);
+      if (!ids.ok()) {
+        CAIRN_RETURN_IF_ERROR(Report(table, id, ids.status().message()));
+      } else {
+        keyframe->points = *std::move(ids);
+        ++good;
+      }
+    }
+  }
+  return good == keyframes_.size() ? absl::OkStatus() : Report(table, 0, "not every keyframe has a good row");
+}
+
+absl::Status MapReader::CheckCounts() {
+  const std::pair<absl::string_view, std::pair<std::int64_t, std::size_t>> counts[] = {
+      {"keyframes", {map_row_.keyframe_count, keyframes_.size()}},
+      {"points", {map_row_.point_count, points_.size()}},
+      {"covisibility", {map_row_.covisibility_count, edges_.size()}},
+  };
+  for (const auto& [table, count] : counts) {
+    if (count.first == static_cast<std::int64_t>(count.second)) continue;
+    CAIRN_RETURN_IF_ERROR(
+        Report(table, 0, absl::StrCat("there are ", count.second, " good rows instead of ", count.first)));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status MapReader::CheckVocabulary() {
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kVocabularyTable.SelectSql("")));
+  const absl::StatusOr<bool> found = rows.Step();
+  if (!found.ok()) {
+    if (!IsDamaged(found.status())) return found.status();
+    return Report("vocabulary", 0, found.status().message());
+  }
+  if (*found && rows.Int(1) != BlobChecksum(rows.Blob(2))) {
+    return Report("vocabulary", rows.Int(0), "bytes: wrong checksum");
+  }
+  if (!*found && map_row_.info.vocabulary_hash != 0) {
+    return Report("vocabulary", 0, "the vocabulary that the map names is not there");
+  }
+  return absl::OkStatus();
+}
+
+absl::Status MapReader::CheckChanges() {
+  Revision newest = 0;
+  CAIRN_RETURN_IF_ERROR(ReadTable<LoggedChange>(kChangesTable, [&](LoggedChange&& value) { newest = value.revision; }));
+  if (newest == map_row_.revision) return absl::OkStatus();
+  return Report("changes", 0, absl::StrCat("ends at revision ", newest, ", the map is at ", map_row_.revision));
+}
+
+absl::Status MapReader::LinkKeyframes() {
+  for (const EdgeRow& edge : edges_) {
+    map::Keyframe* a = FindKeyframe(edge.a.value());
+    map::Keyframe* b = FindKeyframe(edge.b.value());
+    if (a == nullptr || b == nullptr) {
+      return Report("covisibility", edge.a.value(),
+                    absl::StrCat("a keyframe of ", edge.a.value(), " - ", edge.b.value(), " is missing"));
+    }
+    a->covisible.push_back({edge.b, edge.shared_points});
+    b->covisible.push_back({edge.a, edge.shared_points});
+  }
+  for (const auto& keyframe : keyframes_) {
+    std::sort(keyframe->covisible.begin(), keyframe->covisible.end(), [](const auto& a, const auto& b) {
+      return a.shared_points != b.shared_points ? a.shared_points > b.shared_points : a.keyframe < b.keyframe;
+    });
+    if (!keyframe->parent) continue;
+    map::Keyframe* parent = FindKeyframe(keyframe->parent.value());
+    if (parent == nullptr) return Report("keyframes", keyframe->id.value(), "the parent is missing");
+    parent->children.push_back(keyframe->id);
+  }
+  return CheckTree();
+}
+
+absl::Status MapReader::CheckTree() {
+  // Whatever cannot be reached from a root downwards is on, or below, a circle of parents.
+  std::vector<const map::Keyframe*> reached;
+  for (const auto& keyframe : keyframes_) {
+    if (!keyframe->parent) reached.push_back(keyframe.get());
+  }
+  for (std::size_t i = 0; i < reached.size(); ++i) {
+    for (const KeyframeId child : reached[i]->children) reached.push_back(FindKeyframe(child.value()));
+  }
+  if (reached.size() == keyframes_.size()) return absl::OkStatus();
+  return Report("keyframes", 0, "the parents of some keyframes form a circle");
+}
+
+absl::Status MapReader::LinkPoints() {
+  std::unordered_map<PointId, std::shared_ptr<map::MapPoint>> points;
+  points.reserve(points_.size());
+  std::vector<std::shared_ptr<map::MapPoint>> in_order;
+  in_order.reserve(points_.size());
+  for (const PointRow& row : points_) {
+    auto point = std::make_shared<map::MapPoint>();
+    point->id = row.id;
+    point->position = row.position;
+    point->times_visible = row.times_visible;
+    point->times_found = row.times_found;
+    points.emplace(row.id, point);
+    in_order.push_back(std::move(point));
+  }
+  std::unordered_map<KeyframeId, Vector3d> center_of;
+  for (const auto& keyframe : keyframes_) {
+    center_of.emplace(keyframe->id, keyframe->CenterInMap());
+    for (std::uint32_t i = 0; i < keyframe->points.size(); ++i) {
+      if (!keyframe->points[i]) continue;
+      const auto found = points.find(keyframe->points[i]);
+      if (found == points.end()) {
+        return Report("keyframe_points", keyframe->id.value(),
+                      absl::StrCat("point ", keyframe->points[i].value(), " is missing"));
+      }
+      auto& observations = found->second->observations;
+      if (!observations.empty() && observations.back().keyframe == keyframe->id) {
+        return Report("keyframe_points", keyframe->id.value(),
+                      absl::StrCat("point ", keyframe->points[i].value(), " is there twice"));
+      }
+      observations.push_back({keyframe->id, i});
+    }
+  }
+  std::vector<Vector3d> centers;
+  for (std::size_t i = 0; i < in_order.size(); ++i) {
+    map::MapPoint& point = *in_order[i];
+    centers.clear();
+    bool has_reference = false;
+    for (const map::Observation& observation : point.observations) {
+      centers.push_back(center_of.at(observation.keyframe));
+      if (observation.keyframe != points_[i].reference_keyframe) continue;
+      point.reference = observation;
+      has_reference = true;
+    }
+    if (!has_reference) return Report("points", point.id.value(), "the reference keyframe does not observe the point");
+    const map::Keyframe& reference = *FindKeyframe(point.reference.keyframe.value());
+    point.descriptor = reference.descriptors()[point.reference.feature];
+    map::SetViewing(map::ComputeViewing(point.position, centers, center_of.at(reference.id),
+                                        reference.keypoints()[point.reference.feature].octave, map_row_.info.orb),
+                    &point);
+  }
+  content_.points.assign(in_order.begin(), in_order.end());
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> MapReader::Assemble() {
+  CAIRN_RETURN_IF_ERROR(LinkKeyframes());
+  CAIRN_RETURN_IF_ERROR(LinkPoints());
+  content_.keyframes.assign(keyframes_.begin(), keyframes_.end());
+  content_.next_keyframe = map_row_.next_keyframe;
+  content_.next_point = map_row_.next_point;
+  if (map_row_.revision == 0) {
+    if (!content_.empty()) CAIRN_RETURN_IF_ERROR(Report("map", 1, "revision 0, but the map is not empty"));
+    return map::Snapshot::Empty(map_row_.info);
+  }
+  content_.base = map_row_.revision - 1;
+  auto snapshot = map::Snapshot::Empty(map_row_.info, content_.base)->Apply(content_);
+  if (!snapshot.ok()) {
+    CAIRN_RETURN_IF_ERROR(Report("", 0, snapshot.status().message()));
+    return snapshot.status();
+  }
+  return snapshot;
+}
+
+}  // namespace cairn::store

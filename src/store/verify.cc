@@ -1,0 +1,95 @@
+// MapFile::Verify.
+#include <utility>
+
+#include "store/map_file.h"
+#include "store/map_open.h"
+#include "store/map_reader.h"
+#include "store/sqlite.h"
+
+namespace cairn::store {
+namespace {
+
+// A file that is damaged all over is not described any better by a longer list.
+constexpr std::size_t kMaxFindings = 1000;
+
+class Verification {
+ public:
+  explicit Verification(Database* database) : database_(database) {}
+
+  absl::StatusOr<std::vector<Finding>> Run() {
+    absl::Status status = Absorb(CheckStructure());
+    if (status.ok()) status = Absorb(CheckReferences());
+    if (status.ok()) status = Absorb(CheckSchema(database_, /*views=*/false, Sink()));
+    if (status.ok()) status = Absorb(CheckSchema(database_, /*views=*/true, Sink()));
+    if (status.ok()) status = Absorb(CheckContent());
+    if (!status.ok() && findings_.size() < kMaxFindings) return status;
+    return std::move(findings_);
+  }
+
+ private:
+  FindingSink Sink() {
+    return [this](const Finding& finding) {
+      findings_.push_back(finding);
+      return findings_.size() < kMaxFindings ? absl::OkStatus() : absl::ResourceExhaustedError("too many findings");
+    };
+  }
+
+  // What stops one check because the file is damaged is a finding, not a failure of checking.
+  absl::Status Absorb(const absl::Status& status) {
+    if (!IsDamaged(status)) return status;
+    return Sink()(Finding{"", 0, std::string(status.message())});
+  }
+
+  absl::Status CheckStructure() {
+    CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare("PRAGMA integrity_check(100)"));
+    while (true) {
+      CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+      if (!found) return absl::OkStatus();
+      if (rows.Text(0) == "ok") continue;
+      CAIRN_RETURN_IF_ERROR(Sink()(Finding{"", 0, absl::StrCat("SQLite: ", rows.Text(0))}));
+    }
+  }
+
+  absl::Status CheckReferences() {
+    CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare("PRAGMA foreign_key_check"));
+    while (true) {
+      CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+      if (!found) return absl::OkStatus();
+      CAIRN_RETURN_IF_ERROR(Sink()(Finding{std::string(rows.Text(0)), rows.Int(1),
+                                           absl::StrCat("refers to a missing row of table ", rows.Text(2))}));
+    }
+  }
+
+  absl::Status CheckContent() {
+    MapReader reader(database_, Sink());
+    CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    CAIRN_RETURN_IF_ERROR(reader.ReadEntities());
+    CAIRN_RETURN_IF_ERROR(reader.CheckVocabulary());
+    CAIRN_RETURN_IF_ERROR(reader.CheckChanges());
+    if (!findings_.empty()) return absl::OkStatus();
+    const auto snapshot = reader.Assemble();
+    if (!findings_.empty()) return absl::OkStatus();
+    CAIRN_RETURN_IF_ERROR(snapshot.status());
+    const absl::Status consistent = (*snapshot)->CheckConsistency();
+    return consistent.ok() ? consistent : Sink()(Finding{"", 0, std::string(consistent.message())});
+  }
+
+  Database* database_;
+  std::vector<Finding> findings_;
+};
+
+}  // namespace
+
+absl::StatusOr<std::vector<Finding>> MapFile::Verify() {
+  auto verified = [&]() -> absl::StatusOr<std::vector<Finding>> {
+    CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
+                           Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+    CAIRN_ASSIGN_OR_RETURN(auto findings, Verification(database_.get()).Run());
+    CAIRN_RETURN_IF_ERROR(CheckUnchanged());
+    return findings;
+  }();
+  if (!verified.ok()) return Annotated(verified.status());
+  return verified;
+}
+
+}  // namespace cairn::store
