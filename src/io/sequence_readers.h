@@ -27,8 +27,7 @@ struct SequenceFiles {
   std::optional<SE3> body_from_camera;
 };
 
-// Whether a folder has what tells the format from the others. No reader's files tell two formats apart twice: the first
-// that says yes, in the order of the enum, is it.
+// Whether a folder has what tells the format from the others. The first that says yes, in this order, is taken.
 bool LooksLikeEuroc(const std::filesystem::path& folder, const OpenOptions& options);
 bool LooksLikeTumRgbd(const std::filesystem::path& folder, const OpenOptions& options);
 bool LooksLikeTumMono(const std::filesystem::path& folder, const OpenOptions& options);
