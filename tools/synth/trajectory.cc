@@ -1,0 +1,151 @@
+#include "synth/trajectory.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "base/random.h"
+#include "synth/world_builder.h"
+
+namespace cairn::synth {
+namespace {
+
+constexpr double kTurn = 2.0 * std::numbers::pi;
+
+// A camera that looks along `gaze` with the horizon level.
+Matrix3d LookAlong(const Vector3d& gaze) {
+  const Vector3d z = gaze.normalized(), x = z.cross(Vector3d::UnitZ()).normalized();
+  Matrix3d rotation;
+  rotation << x, z.cross(x), z;
+  return rotation;
+}
+
+}  // namespace
+
+absl::Status TrajectoryOptions::Validate() const {
+  const auto bad = [](const std::string& what) { return absl::InvalidArgumentError("trajectory: " + what); };
+  if (session < 0 || session > 1000) return bad("session must be in [0, 1000]");
+  if (!(laps > 0.0 && laps <= 1000.0)) return bad("laps must be in (0, 1000]");
+  if (!(speed_m_s > 0.0 && speed_m_s <= 20.0)) return bad("speed_m_s must be in (0, 20]");
+  if (!(tremor >= 0.0 && tremor <= 20.0)) return bad("tremor must be in [0, 20]");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Trajectory> Trajectory::Create(const WorldOptions& world, const TrajectoryOptions& options) {
+  CAIRN_RETURN_IF_ERROR(world.Validate());
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  Trajectory t;
+  t.world_ = world;
+  t.options_ = options;
+  Random random(Derive(options.seed, 1000 + static_cast<std::uint64_t>(options.session)));
+  const bool room = world.kind == WorldKind::kRoom;
+  if (room) {
+    // An ellipse in the part of the room that furniture leaves free, looking outward.
+    const double size = 0.92 + 0.08 * (options.session % 3) + random.Uniform(-0.03, 0.03);
+    t.radius_x_m_ = std::max(0.25, size * (0.5 * world.size_m.x() - 1.95));
+    t.radius_y_m_ = std::max(0.25, size * (0.5 * world.size_m.y() - 1.70));
+    t.round_m_ = 0.5 * kTurn *
+                 (3.0 * (t.radius_x_m_ + t.radius_y_m_) -
+                  std::sqrt((3.0 * t.radius_x_m_ + t.radius_y_m_) * (t.radius_x_m_ + 3.0 * t.radius_y_m_)));
+    t.height_m_ = std::min(1.45 + 0.1 * (options.session % 3) + random.Uniform(-0.04, 0.04), 0.6 * world.size_m.z());
+    t.gaze_offset_rad_ = 0.3 + random.Uniform(-0.1, 0.1);
+    t.direction_ = options.session % 4 == 3 ? -1.0 : 1.0;
+  } else {
+    t.corner_radius_m_ = 0.9;
+    const double x = world.size_m.x() - world.corridor_width_m, y = world.size_m.y() - world.corridor_width_m;
+    t.round_m_ = 2.0 * (x + y) - 8.0 * t.corner_radius_m_ + kTurn * t.corner_radius_m_;
+    t.height_m_ = 1.5 + 0.08 * (options.session % 3) + random.Uniform(-0.04, 0.04);
+  }
+  t.start_m_ = room ? t.round_m_ * 0.13 * options.session : 1.5 * t.corner_radius_m_ + 0.4 * options.session;
+  t.duration_s_ = options.laps * t.round_m_ / options.speed_m_s;
+
+  // Slow variations along the path: whole numbers of waves a round would make two laps alike, so they are not.
+  const auto waves = [&](double amplitude, double longest_m, int count) {
+    std::vector<Wave> all;
+    for (int i = 0; i < count; ++i) {
+      all.push_back({amplitude * random.Uniform(0.5, 1.0) / (1.0 + 0.7 * i),
+                     (1.0 + 0.8 * i) / (longest_m * random.Uniform(0.85, 1.15)), random.Uniform(0.0, kTurn)});
+    }
+    return all;
+  };
+  t.sway_ = {waves(room ? 0.16 : 0.18, room ? 2.6 : 7.0, 3), waves(0.05, 2.0, 2),
+             waves(room ? 0.14 : 0.05, room ? 2.2 : 5.0, 3)};
+  t.gaze_ = {waves(room ? 0.16 : 0.10, room ? 2.4 : 6.0, 3), waves(room ? 0.11 : 0.05, room ? 1.9 : 5.0, 3)};
+  for (std::size_t k = 0; k < 6; ++k) {
+    const double amplitude = options.tremor * (k < 3 ? 0.0025 : 0.0030);
+    for (const double hz : {0.7, 1.6, 3.1, 5.3}) {
+      t.tremor_[k].push_back(
+          {amplitude * random.Uniform(0.5, 1.2) / hz, hz * random.Uniform(0.85, 1.15), random.Uniform(0.0, kTurn)});
+    }
+  }
+  if (!room) t.tremor_[2].push_back({0.012 * options.tremor, 1.8, 0.0});  // steps
+  return t;
+}
+
+double Trajectory::Sum(const std::vector<Wave>& waves, double at) const {
+  double sum = 0.0;
+  for (const Wave& w : waves) sum += w.amplitude * std::sin(kTurn * w.frequency_hz * at + w.phase_rad);
+  return sum;
+}
+
+void Trajectory::Room(double at_m, Vector3d& position, Vector3d& gaze) const {
+  const double angle = direction_ * kTurn * (start_m_ + at_m) / round_m_;
+  const Vector3d outward(std::cos(angle), std::sin(angle), 0.0);
+  const double r = 1.0 + Sum(sway_[0], at_m);
+  position = Vector3d(0.5 * world_.size_m.x() + r * radius_x_m_ * outward.x(),
+                      0.5 * world_.size_m.y() + r * radius_y_m_ * outward.y(), height_m_ + Sum(sway_[2], at_m));
+  const double yaw = angle + direction_ * gaze_offset_rad_ + Sum(gaze_[0], at_m);
+  const double pitch = -0.17 + Sum(gaze_[1], at_m);
+  gaze = Vector3d(std::cos(yaw) * std::cos(pitch), std::sin(yaw) * std::cos(pitch), std::sin(pitch));
+}
+
+// The middle of the corridor, round the corners on arcs, counter-clockwise from the south-west.
+Vector3d Trajectory::Centerline(double at_m) const {
+  const double half = 0.5 * world_.corridor_width_m, r = corner_radius_m_;
+  const double x0 = half, y0 = half, x1 = world_.size_m.x() - half, y1 = world_.size_m.y() - half;
+  const double lengths[4] = {x1 - x0 - 2 * r, y1 - y0 - 2 * r, x1 - x0 - 2 * r, y1 - y0 - 2 * r};
+  const Vector3d starts[4] = {{x0 + r, y0, 0}, {x1, y0 + r, 0}, {x1 - r, y1, 0}, {x0, y1 - r, 0}};
+  const Vector3d along[4] = {{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, -1, 0}};
+  const double arc = 0.25 * kTurn * r;
+  double s = std::fmod(at_m, round_m_);
+  if (s < 0.0) s += round_m_;
+  for (int k = 0; k < 4; ++k) {
+    if (s <= lengths[k]) return starts[k] + s * along[k];
+    s -= lengths[k];
+    if (s <= arc || k == 3) {
+      const double a = s / r;
+      return starts[k] + (lengths[k] + r * std::sin(a)) * along[k] + r * (1.0 - std::cos(a)) * along[(k + 1) % 4];
+    }
+    s -= arc;
+  }
+  return starts[0];
+}
+
+void Trajectory::Corridor(double at_m, Vector3d& position, Vector3d& gaze) const {
+  const double at = start_m_ + at_m;
+  const Vector3d ahead = (Centerline(at + 0.25) - Centerline(at - 0.25)).normalized();
+  const Vector3d aside = Vector3d::UnitZ().cross(ahead);
+  position = Centerline(at) + Sum(sway_[0], at_m) * aside + Vector3d(0, 0, height_m_ + Sum(sway_[2], at_m));
+  // One looks where one will be: turns begin before the corner and are slow.
+  const Vector3d look = (Centerline(at + 1.3) - Centerline(at - 0.5)).normalized();
+  const double yaw = std::atan2(look.y(), look.x()) + Sum(gaze_[0], at_m), pitch = -0.06 + Sum(gaze_[1], at_m);
+  gaze = Vector3d(std::cos(yaw) * std::cos(pitch), std::sin(yaw) * std::cos(pitch), std::sin(pitch));
+}
+
+SE3 Trajectory::Pose(double time_s) const {
+  Vector3d position, gaze;
+  const double at_m = options_.speed_m_s * time_s;
+  if (world_.kind == WorldKind::kRoom) {
+    Room(at_m, position, gaze);
+  } else {
+    Corridor(at_m, position, gaze);
+  }
+  Vector3d shift, turn;
+  for (int k = 0; k < 3; ++k) {
+    shift[k] = Sum(tremor_[static_cast<std::size_t>(k)], time_s);
+    turn[k] = Sum(tremor_[static_cast<std::size_t>(k + 3)], time_s);
+  }
+  return SE3(Quaterniond(LookAlong(gaze)) * ExpSO3(turn), position + shift);
+}
+
+}  // namespace cairn::synth
