@@ -49,6 +49,8 @@ struct BagOfWords {
 // Immutable once made; const calls may run concurrently.
 class Vocabulary {
  public:
+  // Of a stereo pair's 497 mutual matches, comparing under the nodes of level 1 finds 435 in a sixth of the time, of
+  // level 2 361 in a twentieth, of level 3 281 in a fortieth (default vocabulary, 1500 features).
   static constexpr int kDefaultDirectLevel = 2;
   static constexpr int kMaxBranching = 255;
   static constexpr int kMaxDepth = 16;

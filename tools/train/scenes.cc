@@ -82,16 +82,21 @@ void Paste(const Picture& picture, const Quad& quad, double gain, double offset,
   }
   if (opacity.empty()) opacity = cv::Mat(gray.size(), CV_8UC1, cv::Scalar(255));
   const auto w = static_cast<float>(gray.cols), h = static_cast<float>(gray.rows);
+  const cv::Rect area =
+      cv::boundingRect(std::vector<cv::Point2f>(quad.begin(), quad.end())) & cv::Rect(0, 0, canvas->cols, canvas->rows);
+  if (area.empty()) return;
+  const cv::Point2f origin(static_cast<float>(area.x), static_cast<float>(area.y));
   const Quad source = {cv::Point2f(0, 0), cv::Point2f(w, 0), cv::Point2f(w, h), cv::Point2f(0, h)};
-  const cv::Mat warp = cv::getPerspectiveTransform(source.data(), quad.data());
+  const Quad target = {quad[0] - origin, quad[1] - origin, quad[2] - origin, quad[3] - origin};
+  const cv::Mat warp = cv::getPerspectiveTransform(source.data(), target.data());
   cv::Mat warped, mask;
-  cv::warpPerspective(gray, warped, warp, canvas->size(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-  cv::warpPerspective(opacity, mask, warp, canvas->size(), cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(0));
-  for (int y = 0; y < canvas->rows; ++y) {
+  cv::warpPerspective(gray, warped, warp, area.size(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  cv::warpPerspective(opacity, mask, warp, area.size(), cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(0));
+  for (int y = 0; y < area.height; ++y) {
     const std::uint8_t* from = warped.ptr(y);
     const std::uint8_t* alpha = mask.ptr(y);
-    float* to = canvas->ptr<float>(y);
-    for (int x = 0; x < canvas->cols; ++x) {
+    float* to = canvas->ptr<float>(area.y + y) + area.x;
+    for (int x = 0; x < area.width; ++x) {
       const float a = static_cast<float>(alpha[x]) / 255.0f;
       to[x] += a * (static_cast<float>(gain * from[x] + offset) - to[x]);
     }
@@ -183,12 +188,16 @@ cv::Mat MakeView(const Library& library, Random* random) {
   const double sigma = random->Uniform(0.4, 1.3);
   cv::GaussianBlur(canvas, canvas, {}, sigma);
   const double gamma = random->Uniform(0.7, 1.4), noise = random->Uniform(0.5, 4.0), gain = random->Uniform(0.7, 1.1);
+  // The camera's response as a table of tenths of a grey value.
+  std::array<double, 2551> response;
+  for (std::size_t i = 0; i < response.size(); ++i) {
+    response[i] = 255.0 * gain * std::pow(static_cast<double>(i) / 2550.0, gamma);
+  }
   cv::Mat view(canvas.size(), CV_8UC1);
   for (int y = 0; y < view.rows; ++y) {
     for (int x = 0; x < view.cols; ++x) {
-      const double value = std::clamp(canvas.at<float>(y, x) / 255.0f, 0.0f, 1.0f);
-      view.at<std::uint8_t>(y, x) =
-          cv::saturate_cast<std::uint8_t>(255.0 * gain * std::pow(value, gamma) + noise * random->Normal());
+      const auto tenths = static_cast<std::size_t>(10.0f * std::clamp(canvas.at<float>(y, x), 0.0f, 255.0f));
+      view.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>(response[tenths] + noise * random->Normal());
     }
   }
   return view;

@@ -17,7 +17,7 @@ namespace {
 
 struct Arguments {
   std::string photographs, textures, objects, output, samples;
-  int views = 3000;
+  int views = 2000;
   int features = 1500;
   cairn::place::TrainingOptions training;
 };
