@@ -180,13 +180,17 @@ void Edit::ErasePoint(PointId id) {
 }
 
 bool Edit::EraseKeyframe(KeyframeId id, int min_observations) {
-  if (!keyframe(id).parent) return false;
+  // One that was added here and is not linked yet may go as well.
+  const bool is_new = !base_->keyframes().Contains(id) && keyframe(id).children.empty();
+  if (!keyframe(id).parent && !is_new) return false;
   const Keyframe erased = keyframe(id);
   for (const PointId point_id : erased.points) {
     if (point_id) RemoveObservation(point_id, id, min_observations);
   }
-  AdoptChildren(erased);
-  EraseSorted(MutableKeyframe(erased.parent).children, id);
+  if (erased.parent) {
+    AdoptChildren(erased);
+    EraseSorted(MutableKeyframe(erased.parent).children, id);
+  }
   UpdateCovisibility(id);  // it shares nothing any more: this removes its edges on the other side
   stale_covisibility_.erase(id);
   keyframes_[id] = nullptr;

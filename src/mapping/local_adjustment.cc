@@ -47,14 +47,15 @@ std::vector<KeyframeId> Observers(const map::Edit& edit, std::span<const PointId
   return observers;
 }
 
-Built Build(const map::Edit& edit, std::span<const KeyframeId> free, int max_fixed) {
+Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const LocalAdjustmentOptions& options) {
   Built built;
   const std::unordered_set<KeyframeId> is_free(free.begin(), free.end());
   built.points = PointsOf(edit, free);
-  const std::vector<KeyframeId> fixed = Observers(edit, built.points, is_free, max_fixed);
+  const std::vector<KeyframeId> fixed = Observers(edit, built.points, is_free, options.max_fixed_keyframes);
   built.keyframes.assign(free.begin(), free.end());
   built.keyframes.insert(built.keyframes.end(), fixed.begin(), fixed.end());
-  const KeyframeId anchor = fixed.empty() ? *std::min_element(free.begin(), free.end()) : KeyframeId();
+  const bool floats = fixed.empty() && options.priors.empty();
+  const KeyframeId anchor = floats ? *std::min_element(free.begin(), free.end()) : KeyframeId();
 
   std::unordered_map<CameraId, std::uint32_t> camera_of;
   std::unordered_map<KeyframeId, std::uint32_t> pose_of;
@@ -65,7 +66,13 @@ Built Build(const map::Edit& edit, std::span<const KeyframeId> free, int max_fix
     if (added) built.problem.cameras.push_back(edit.pinhole(keyframe.camera));
     pose_of[keyframe.id] = i;
     built.problem.poses.push_back(
-        {keyframe.camera_from_map, camera->second, i >= free.size() || keyframe.id == anchor});
+        {keyframe.camera_from_map, camera->second, i >= free.size() || keyframe.id == anchor || options.hold_poses});
+  }
+  for (const KeyframePrior& prior : options.priors) {
+    const auto pose = pose_of.find(prior.keyframe);
+    if (pose == pose_of.end() || pose->second >= free.size()) continue;
+    built.problem.priors.push_back(
+        {pose->second, prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad});
   }
   std::vector<double> sigma;
   for (int octave = 0; octave < edit.info().orb.num_levels; ++octave) sigma.push_back(edit.info().orb.Scale(octave));
@@ -99,7 +106,7 @@ absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span
                                                       const LocalAdjustmentOptions& options) {
   LocalAdjustmentReport report;
   if (free.empty()) return report;
-  const Built built = Build(edit, free, options.max_fixed_keyframes);
+  const Built built = Build(edit, free, options);
   report.keyframes = static_cast<int>(free.size());
   report.fixed_keyframes = static_cast<int>(built.keyframes.size() - free.size());
   report.points = static_cast<int>(built.points.size());

@@ -11,10 +11,20 @@
 
 namespace cairn::mapping {
 
+// What is known of the pose of a keyframe besides its observations.
+struct KeyframePrior {
+  KeyframeId keyframe;
+  SE3 camera_from_map;
+  double position_sigma = 0.0;  // of the camera's centre, per axis, map units
+  double rotation_sigma_rad = 0.0;
+};
+
 struct LocalAdjustmentOptions {
   int first_iterations = 3;
   int second_iterations = 5;
-  int max_fixed_keyframes = 30;  // those that see most of the points; 0: all
+  int max_fixed_keyframes = 30;       // those that see most of the points; 0: all
+  bool hold_poses = false;            // only points move
+  std::vector<KeyframePrior> priors;  // of the free keyframes; they anchor the map like fixed ones
 };
 
 struct LocalAdjustmentReport {

@@ -203,10 +203,9 @@ DepthRange DepthRangeOf(const map::Edit& edit, KeyframeId id) {
 }
 
 std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId id, std::span<const KeyframeId> neighbours,
-                                     std::span<const KeypointDepth> depths, double map_per_direct, GridCache& grids,
-                                     const TriangulationOptions& options) {
+                                     std::span<const KeypointDepth> depths, double map_per_direct,
+                                     const DepthRange& range, GridCache& grids, const TriangulationOptions& options) {
   std::vector<PointId> added;
-  const DepthRange range = DepthRangeOf(edit, id);
   if (!range.valid()) return added;
   const image::OrbParameters& orb = edit.info().orb;
   for (const KeyframeId neighbour_id : neighbours) {

@@ -40,9 +40,10 @@ struct TriangulationOptions {
 };
 
 // For each feature of `keyframe` without a point: the best match along the epipolar line in each of `neighbours` in
-// turn, until one passes all gates. Returns the new points; their derived fields are set.
+// turn, until one passes all gates. The search covers `range`, or what the feature's own depth leaves of it. Returns
+// the new points; their derived fields are set.
 std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId keyframe, std::span<const KeyframeId> neighbours,
-                                     std::span<const KeypointDepth> depths, double map_per_direct, GridCache& grids,
-                                     const TriangulationOptions& options);
+                                     std::span<const KeypointDepth> depths, double map_per_direct,
+                                     const DepthRange& range, GridCache& grids, const TriangulationOptions& options);
 
 }  // namespace cairn::mapping

@@ -18,13 +18,13 @@ std::uint32_t BestFeature(const map::Keyframe& keyframe, const tracking::PointPr
                           const image::Descriptor& descriptor, const image::FeatureGrid& grid,
                           const std::vector<double>& scale, const FusionOptions& options,
                           std::vector<std::uint32_t>* near) {
-  const double radius = options.radius_px * scale[static_cast<std::size_t>(projection.octave)];
+  const double radius = options.extra_sigma_px + options.radius_px * scale[static_cast<std::size_t>(projection.octave)];
   grid.Query(projection.pixel.x(), projection.pixel.y(), radius, projection.octave - 1, projection.octave + 1, near);
   image::BestTwo best;
   for (const std::uint32_t feature : *near) {
     const image::Keypoint& keypoint = keyframe.keypoints()[feature];
     const double error_x = projection.pixel.x() - keypoint.x_px, error_y = projection.pixel.y() - keypoint.y_px;
-    const double sigma = scale[keypoint.octave];
+    const double sigma = scale[keypoint.octave] + options.extra_sigma_px;
     if (error_x * error_x + error_y * error_y > options.max_chi_square * sigma * sigma) continue;
     best.Add(feature, image::HammingDistance(descriptor, keyframe.descriptors()[feature]));
   }

@@ -15,6 +15,7 @@ struct FusionOptions {
   double radius_px = 3.0;         // of the search, at octave 0
   int max_distance = 50;          // Hamming, bits
   double max_chi_square = 5.991;  // of the distance from the projection, whitened by scale^octave
+  double extra_sigma_px = 0.0;    // of the poses, added to the features' own
 };
 
 struct FusionCounts {

@@ -1,0 +1,297 @@
+#include "mapping/posed_mapper.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "image/orb_extractor.h"
+#include "mapping/grid_cache.h"
+#include "mapping/local_adjustment.h"
+#include "mapping/new_points.h"
+#include "mapping/point_fusion.h"
+
+namespace cairn::mapping {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+// Uncertainty of the given poses as it shows in the images, on top of the features' own.
+constexpr double kPoseSigmaPx = 0.5;
+// While nothing is known of the scene, it is taken to lie between one and a hundred baselines away.
+constexpr double kNearestBaselines = 1.0;
+constexpr double kFarthestBaselines = 100.0;
+
+double Median(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+absl::Status PosedMapperOptions::Validate() const {
+  const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("posed mapper: ", what)); };
+  if (features_per_image < 100) return bad("features_per_image must be at least 100");
+  if (pairs_per_image < 1) return bad("pairs_per_image must be at least 1");
+  if (!(max_view_angle_deg > 0.0 && max_view_angle_deg < 180.0)) return bad("max_view_angle_deg must be in (0, 180)");
+  if (!(max_baseline_share > 0.0)) return bad("max_baseline_share must be positive");
+  if (!(max_epipolar_px > 0.0) || !(max_reprojection_px > 0.0)) return bad("pixel gates must be positive");
+  if (!(min_parallax_deg > 0.0)) return bad("min_parallax_deg must be positive");
+  if (!(position_sigma_share >= 0.0) || !(rotation_sigma_deg >= 0.0)) return bad("sigmas must not be negative");
+  if ((position_sigma_share > 0.0) != (rotation_sigma_deg > 0.0)) {
+    return bad("position_sigma_share and rotation_sigma_deg must both be positive, or both 0 for exact poses");
+  }
+  if (adjustment_iterations < 1) return bad("adjustment_iterations must be at least 1");
+  return absl::OkStatus();
+}
+
+class PosedMapper::Impl {
+ public:
+  Impl(const PosedMapperOptions& options, std::shared_ptr<const map::Snapshot> map, SessionId session, CameraId camera,
+       const place::Vocabulary* vocabulary, Commit commit)
+      : options_(options),
+        map_(std::move(map)),
+        session_(session),
+        camera_(camera),
+        pinhole_(map_->pinhole(camera)),
+        vocabulary_(vocabulary),
+        commit_(std::move(commit)),
+        extractor_(map_->info().orb) {
+    if (map_->info().world_from_map) map_from_world_ = map_->info().world_from_map->Inverse();
+  }
+
+  absl::StatusOr<int> Add(const PosedImage& image);
+  absl::StatusOr<PosedMapperReport> Finish();
+  const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
+
+ private:
+  struct View {
+    map::Keyframe keyframe;
+    place::BowVector words;
+  };
+
+  void Insert(map::Edit& edit, std::size_t index);
+  std::vector<KeyframeId> Partners(const map::Edit& edit, KeyframeId id, bool only_older) const;
+  DepthRange RangeOf(const map::Edit& edit, KeyframeId id, std::span<const KeyframeId> partners) const;
+  void Connect(map::Edit& edit, KeyframeId id, std::span<const KeyframeId> partners);
+  absl::StatusOr<LocalAdjustmentReport> Adjust(map::Edit& edit) const;
+  void DropUnconnected(map::Edit& edit, PosedMapperReport* report);
+  absl::StatusOr<PosedMapperReport> CommitAll(map::Edit edit, PosedMapperReport report);
+
+  const PosedMapperOptions options_;
+  std::shared_ptr<const map::Snapshot> map_;
+  const SessionId session_;
+  const CameraId camera_;
+  const Pinhole pinhole_;
+  const place::Vocabulary* const vocabulary_;
+  const Commit commit_;
+  const image::OrbExtractor extractor_;
+  Sim3 map_from_world_;
+  GridCache grids_{512};
+  std::vector<View> views_;
+  std::vector<KeyframeId> ids_;  // per view, once in the edit
+  std::unordered_map<KeyframeId, std::size_t> view_of_;
+  double scene_depth_ = 0.0;  // median over the views so far; 0: unknown
+  bool finished_ = false;
+};
+
+absl::StatusOr<int> PosedMapper::Impl::Add(const PosedImage& image) {
+  if (finished_) return absl::FailedPreconditionError("posed mapper: the map is finished, nothing may be added");
+  if (image.image.type() != CV_8UC1 || image.image.cols != pinhole_.width_px ||
+      image.image.rows != pinhole_.height_px) {
+    return absl::InvalidArgumentError(absl::StrCat("posed mapper: image ", image.index, " is ", image.image.cols, "x",
+                                                   image.image.rows, ", the camera needs 8-bit grey of ",
+                                                   pinhole_.width_px, "x", pinhole_.height_px));
+  }
+  if (!image.world_from_camera.Matrix().allFinite()) {
+    return absl::InvalidArgumentError(absl::StrCat("posed mapper: the pose of image ", image.index, " is not finite"));
+  }
+  auto features = std::make_shared<map::KeyframeFeatures>();
+  CAIRN_ASSIGN_OR_RETURN(features->features, extractor_.Extract(image.image, options_.features_per_image));
+  View view;
+  if (vocabulary_ != nullptr) {
+    for (const image::Descriptor& descriptor : features->features.descriptors) {
+      features->words.push_back(vocabulary_->Lookup(descriptor));
+    }
+    view.words = vocabulary_->Transform(features->features).words;
+  }
+  view.keyframe.session = session_;
+  view.keyframe.camera = camera_;
+  view.keyframe.time_ns = image.time_ns;
+  view.keyframe.frame_index = image.index;
+  view.keyframe.camera_from_map = map_from_world_.TransformPose(image.world_from_camera).Inverse();
+  view.keyframe.camera_from_direct = view.keyframe.camera_from_map;
+  view.keyframe.direct_segment = -1;
+  view.keyframe.features = features;
+  views_.push_back(std::move(view));
+  return static_cast<int>(features->features.size());
+}
+
+// Views of this session that may see the same: near by pose, and alike by words.
+std::vector<KeyframeId> PosedMapper::Impl::Partners(const map::Edit& edit, KeyframeId id, bool only_older) const {
+  const map::Keyframe& keyframe = edit.keyframe(id);
+  const Vector3d centre = keyframe.CenterInMap();
+  const Vector3d axis = keyframe.camera_from_map.rotation().conjugate() * Vector3d::UnitZ();
+  const double min_cosine = std::cos(options_.max_view_angle_deg * kRadPerDeg);
+  const double unit = scene_depth_ > 0.0 ? scene_depth_ : 1.0;
+  std::vector<std::pair<double, KeyframeId>> by_pose, by_words;
+  for (const KeyframeId other_id : ids_) {
+    if (other_id == id || (only_older && other_id > id)) continue;
+    const map::Keyframe& other = edit.keyframe(other_id);
+    const double cosine = axis.dot(other.camera_from_map.rotation().conjugate() * Vector3d::UnitZ());
+    const double distance = (other.CenterInMap() - centre).norm();
+    if (cosine < min_cosine || distance < 1e-6 * unit) continue;
+    if (scene_depth_ > 0.0 && distance > options_.max_baseline_share * scene_depth_) continue;
+    by_pose.emplace_back(distance / unit + std::acos(std::min(1.0, cosine)), other_id);
+    if (vocabulary_ != nullptr) {
+      by_words.emplace_back(-place::Score(views_[view_of_.at(id)].words, views_[view_of_.at(other_id)].words),
+                            other_id);
+    }
+  }
+  std::sort(by_pose.begin(), by_pose.end());
+  std::sort(by_words.begin(), by_words.end());
+  std::vector<KeyframeId> partners;
+  const auto wanted = static_cast<std::size_t>(options_.pairs_per_image);
+  const auto take = [&](const std::vector<std::pair<double, KeyframeId>>& ranked, std::size_t limit) {
+    for (const auto& [score, other] : ranked) {
+      if (partners.size() >= limit) return;
+      if (std::find(partners.begin(), partners.end(), other) == partners.end()) partners.push_back(other);
+    }
+  };
+  take(by_pose, by_words.empty() ? wanted : (3 * wanted + 3) / 4);
+  take(by_words, wanted);
+  return partners;
+}
+
+DepthRange PosedMapper::Impl::RangeOf(const map::Edit& edit, KeyframeId id,
+                                      std::span<const KeyframeId> partners) const {
+  const DepthRange own = DepthRangeOf(edit, id);
+  if (own.valid()) return own;
+  if (scene_depth_ > 0.0) return {0.1 / scene_depth_, 5.0 / scene_depth_, scene_depth_};
+  if (partners.empty()) return {};
+  const double baseline = (edit.keyframe(partners[0]).CenterInMap() - edit.keyframe(id).CenterInMap()).norm();
+  return {1.0 / (kFarthestBaselines * baseline), 1.0 / (kNearestBaselines * baseline), 10.0 * baseline};
+}
+
+// Points that partners know are looked for, then new ones triangulated, then doubles joined.
+void PosedMapper::Impl::Connect(map::Edit& edit, KeyframeId id, std::span<const KeyframeId> partners) {
+  FusionOptions fusion;
+  fusion.radius_px = options_.max_reprojection_px;
+  fusion.extra_sigma_px = kPoseSigmaPx;
+  fusion.max_chi_square = options_.max_reprojection_px * options_.max_reprojection_px;
+  FuseAround(edit, id, partners, grids_, fusion);
+  TriangulationOptions triangulation;
+  triangulation.min_parallax_deg = options_.min_parallax_deg;
+  triangulation.max_epipolar_chi_square = options_.max_epipolar_px * options_.max_epipolar_px;
+  triangulation.max_chi_square = options_.max_reprojection_px * options_.max_reprojection_px;
+  triangulation.extra_sigma_px = kPoseSigmaPx;
+  TriangulateWith(edit, id, partners, {}, 1.0, RangeOf(edit, id, partners), grids_, triangulation);
+  FuseAround(edit, id, partners, grids_, fusion);
+}
+
+void PosedMapper::Impl::Insert(map::Edit& edit, std::size_t index) {
+  const KeyframeId id = edit.AddKeyframe(views_[index].keyframe);
+  view_of_[id] = index;
+  ids_.push_back(id);
+  Connect(edit, id, Partners(edit, id, true));
+  std::vector<double> depths;
+  for (const KeyframeId view : ids_) {
+    const DepthRange range = DepthRangeOf(edit, view);
+    if (range.valid()) depths.push_back(range.median_depth);
+  }
+  scene_depth_ = Median(depths);
+}
+
+absl::StatusOr<LocalAdjustmentReport> PosedMapper::Impl::Adjust(map::Edit& edit) const {
+  LocalAdjustmentOptions adjustment;
+  adjustment.first_iterations = options_.adjustment_iterations;
+  adjustment.second_iterations = options_.adjustment_iterations;
+  adjustment.max_fixed_keyframes = 0;
+  adjustment.hold_poses = options_.position_sigma_share == 0.0;
+  for (std::size_t i = 0; i < ids_.size() && !adjustment.hold_poses; ++i) {
+    adjustment.priors.push_back({ids_[i], views_[i].keyframe.camera_from_map,
+                                 options_.position_sigma_share * scene_depth_,
+                                 options_.rotation_sigma_deg * kRadPerDeg});
+  }
+  return AdjustKeyframes(edit, ids_, adjustment);
+}
+
+void PosedMapper::Impl::DropUnconnected(map::Edit& edit, PosedMapperReport* report) {
+  for (const KeyframeId id : ids_) {
+    const auto& points = edit.keyframe(id).points;
+    if (std::any_of(points.begin(), points.end(), [](PointId point) { return point.valid(); })) continue;
+    if (edit.EraseKeyframe(id)) ++report->keyframes_without_points;
+  }
+}
+
+absl::StatusOr<PosedMapperReport> PosedMapper::Impl::Finish() {
+  if (finished_) return absl::FailedPreconditionError("posed mapper: the map is finished already");
+  finished_ = true;
+  map::Edit edit(map_);
+  if (map_->keyframes().empty() && !map_->info().world_from_map) {
+    map::MapInfo info = map_->info();
+    info.world_from_map = Sim3();
+    edit.SetInfo(std::move(info));
+  }
+  for (std::size_t i = 0; i < views_.size(); ++i) Insert(edit, i);
+  if (scene_depth_ == 0.0) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("posed mapper: no two of the ", views_.size(), " views share points that can be triangulated"));
+  }
+  CAIRN_RETURN_IF_ERROR(Adjust(edit).status());
+  // Once more with better poses, and with views that came later.
+  for (const KeyframeId id : ids_) Connect(edit, id, Partners(edit, id, false));
+  CAIRN_ASSIGN_OR_RETURN(const LocalAdjustmentReport adjusted, Adjust(edit));
+  PosedMapperReport report;
+  report.rmse_px = adjusted.rmse;
+  DropUnconnected(edit, &report);
+  return CommitAll(std::move(edit), report);
+}
+
+absl::StatusOr<PosedMapperReport> PosedMapper::Impl::CommitAll(map::Edit edit, PosedMapperReport report) {
+  map::Delta delta = edit.Finish("map of images with known poses");
+  report.keyframes = static_cast<int>(ids_.size()) - report.keyframes_without_points;
+  report.points = static_cast<int>(delta.points.size());
+  for (const auto& point : delta.points) report.observations += static_cast<int>(point->observations.size());
+  CAIRN_ASSIGN_OR_RETURN(map_, commit_(std::move(delta)));
+  if (map_ == nullptr) return absl::InternalError("the commit function returned no map");
+  std::vector<double> changes;
+  for (std::size_t i = 0; i < ids_.size(); ++i) {
+    const map::Keyframe* keyframe = map_->keyframes().Find(ids_[i]);
+    if (keyframe != nullptr) {
+      changes.push_back((keyframe->CenterInMap() - views_[i].keyframe.CenterInMap()).norm() / map_from_world_.scale());
+    }
+  }
+  report.median_pose_change = Median(std::move(changes));
+  return report;
+}
+
+PosedMapper::PosedMapper(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PosedMapper::~PosedMapper() = default;
+
+absl::StatusOr<std::unique_ptr<PosedMapper>> PosedMapper::Create(const PosedMapperOptions& options,
+                                                                 std::shared_ptr<const map::Snapshot> map,
+                                                                 SessionId session, CameraId camera,
+                                                                 const place::Vocabulary* vocabulary, Commit commit) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  if (map == nullptr || !commit) return absl::InvalidArgumentError("posed mapper: needs a map and a commit function");
+  if (!map->sessions().contains(session) || !map->cameras().contains(camera)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("posed mapper: the map has no session ", session.value(), " or no camera ", camera.value()));
+  }
+  if (!map->keyframes().empty() && !map->info().world_from_map) {
+    return absl::FailedPreconditionError(
+        "posed mapper: the map is not aligned to the world of the poses; align it first (`cairn align`)");
+  }
+  return std::unique_ptr<PosedMapper>(
+      new PosedMapper(std::make_unique<Impl>(options, std::move(map), session, camera, vocabulary, std::move(commit))));
+}
+
+absl::StatusOr<int> PosedMapper::Add(const PosedImage& image) { return impl_->Add(image); }
+absl::StatusOr<PosedMapperReport> PosedMapper::Finish() { return impl_->Finish(); }
+const std::shared_ptr<const map::Snapshot>& PosedMapper::map() const { return impl_->map(); }
+
+}  // namespace cairn::mapping
