@@ -132,7 +132,7 @@ void BuildCorridor(WorldBuilder& b, const WorldOptions& o) {
                                       Place{{cw, sy - cw, 0}, -0.5 * kHalfTurn}};
   const std::array<double, 4> lengths = {sx, sy, sx, sy};
   for (std::size_t side = 0; side < 4; ++side) {
-    const std::uint64_t side_seed = Derive(o.seed, o.aliased_sides ? side % 2 : side);
+    const std::uint64_t side_seed = Derive(o.seed, o.aliased_sides && side == 2 ? 0 : side);
     for (const bool is_outer : {true, false}) {
       const double length = is_outer ? lengths[side] : lengths[side] - 2.0 * cw;
       const Place& wall = is_outer ? outer[side] : inner[side];
@@ -141,7 +141,6 @@ void BuildCorridor(WorldBuilder& b, const WorldOptions& o) {
       const double width = length / panels;
       for (int k = 0; k < panels; ++k) {
         const std::uint64_t seed = random.Next();
-        // The four ends of the corridor tell the sides apart only where these are not meant to look alike.
         const bool blank = random.Uniform() < o.blank_share;
         AddWall(b, wall.At(k * width, 0), width, h, blank ? Material::kBlank : RichWall(random), seed);
         if (blank || o.furniture_density <= 0.0) continue;

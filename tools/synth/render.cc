@@ -282,13 +282,16 @@ float Renderer::ShadeEdge(const Frame& frame, const Strip& strip, int x, int y, 
       }
     }
   }
+  // Which of them each ray hits; a quad is then shaded once, in the middle of the rays that hit it.
   const Eigen::Vector3f center = Ray(x, y);
-  float sum = 0.0f;
+  std::array<int, 9> hits{}, right{}, down{};
+  int misses = 9;
   for (int k = 0; k < 9; ++k) {
+    const int dx = k % 3 - 1, dy = k / 3 - 1;
     const Eigen::Vector3f ray =
-        center + static_cast<float>(k % 3 - 1) / 3.0f * ray_dx + static_cast<float>(k / 3 - 1) / 3.0f * ray_dy;
+        center + static_cast<float>(dx) / 3.0f * ray_dx + static_cast<float>(dy) / 3.0f * ray_dy;
     float best = std::numeric_limits<float>::max();
-    const Seen* nearest = nullptr;
+    int nearest = -1;
     for (int i = 0; i < count; ++i) {
       const Seen& s = strip.seen[static_cast<std::size_t>(near[static_cast<std::size_t>(i)])];
       const float facing = s.normal.dot(ray);
@@ -296,9 +299,21 @@ float Renderer::ShadeEdge(const Frame& frame, const Strip& strip, int x, int y, 
       const float t = s.height / facing, u = t * s.u.dot(ray) - s.u0, v = t * s.v.dot(ray) - s.v0;
       if (t >= best || u < -kOverlap || v < -kOverlap || u > s.size_u + kOverlap || v > s.size_v + kOverlap) continue;
       best = t;
-      nearest = &s;
+      nearest = i;
     }
-    sum += nearest == nullptr ? kNothing : Shade(*nearest, ray, ray_dx / 3.0f, ray_dy / 3.0f);
+    if (nearest < 0) continue;
+    --misses;
+    ++hits[static_cast<std::size_t>(nearest)];
+    right[static_cast<std::size_t>(nearest)] += dx;
+    down[static_cast<std::size_t>(nearest)] += dy;
+  }
+  float sum = static_cast<float>(misses) * kNothing;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
+    if (hits[i] == 0) continue;
+    const float n = static_cast<float>(hits[i]);
+    const Eigen::Vector3f ray =
+        center + static_cast<float>(right[i]) / (3.0f * n) * ray_dx + static_cast<float>(down[i]) / (3.0f * n) * ray_dy;
+    sum += n * Shade(strip.seen[static_cast<std::size_t>(near[i])], ray, ray_dx, ray_dy);
   }
   return sum / 9.0f;
 }

@@ -33,7 +33,7 @@ struct Effects {
   // From the first to the last row; each image is of the time of its middle row. 0: global shutter.
   double rolling_shutter_s = 0.0;
   // Gray value, before gamma, of a white surface in full light at relative exposure 1.
-  double white_level = 235.0;
+  double white_level = 290.0;
 
   absl::Status Validate() const;
 };

@@ -13,9 +13,10 @@
 namespace cairn::synth {
 namespace {
 
-// Light from above and a little from one side, so that faces of one box differ.
+// Light from above and from the ends more than from the sides, so that faces of one box differ; the same after half a
+// turn.
 float ShadeOf(const Vector3d& normal) {
-  const double side = 0.78 + 0.12 * normal.x() + 0.07 * normal.y();
+  const double side = 0.72 + 0.16 * std::abs(normal.x()) + 0.04 * std::abs(normal.y());
   return static_cast<float>(normal.z() > 0.5 ? 1.0 : normal.z() < -0.5 ? 0.8 : side);
 }
 

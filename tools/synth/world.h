@@ -26,7 +26,7 @@ struct WorldOptions {
   double corridor_width_m = 2.2;
   // Share of the walls' area that is blank: plain paint, no posters.
   double blank_share = 0.0;
-  // Corridor only: the side opposite looks exactly like its counterpart, panel by panel and object by object.
+  // Corridor only: the two sides along x look exactly alike, panel by panel and object by object; the other two do not.
   bool aliased_sides = false;
   // 0: no furniture, bare walls.
   double furniture_density = 1.0;

@@ -1,0 +1,82 @@
+// A virtual recording: a world, a path through it, a camera and what is wrong with it. Everything follows from the
+// options, so the same options give the same images, in memory or on disk (write.h).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+#include "base/status.h"
+#include "base/time.h"
+#include "geometry/camera.h"
+#include "synth/render.h"
+#include "synth/trajectory.h"
+#include "synth/world.h"
+
+namespace cairn::synth {
+
+struct SequenceOptions {
+  WorldOptions world;
+  TrajectoryOptions trajectory;
+  Camera camera = Camera::FromPinhole({640, 480, 420.0, 420.0, 319.5, 239.5});
+  Effects effects;
+  double rate_hz = 20.0;
+  // Ends earlier than the path does; 0: does not.
+  double max_duration_s = 0.0;
+  double exposure_s = 0.006;
+  // The exposure time swings by about this factor up and down (0.3: from 6 to 4.4 and 8.1 ms); 0: constant.
+  double exposure_swing = 0.0;
+  // Of the first image of session 0; later sessions start an hour apart.
+  TimeNs first_time_ns = 1600000000000000000;
+
+  absl::Status Validate() const;
+};
+
+// What `cairn synth` offers by name: office, corridor, aliasing, plain.
+//   office    a furnished office of 34 square metres, one round
+//   corridor  a closed corridor of 60 m, a little more than one round
+//   aliasing  the same with two sides that look exactly alike
+//   plain     the office with 30 % of its walls blank
+// NotFound lists the names.
+absl::StatusOr<SequenceOptions> Preset(const std::string& name);
+std::vector<std::string> PresetNames();
+
+// Switches what spoils an image on, to usual amounts, or off. Names: distortion, response, vignette, exposure, noise,
+// blur, rolling_shutter. NotFound lists the names.
+absl::Status SetEffect(const std::string& name, bool on, SequenceOptions& options);
+std::vector<std::string> EffectNames();
+
+class Sequence {
+ public:
+  static absl::StatusOr<Sequence> Create(const SequenceOptions& options);
+
+  const SequenceOptions& options() const { return options_; }
+  const World& world() const { return *world_; }
+  const Renderer& renderer() const { return *renderer_; }
+
+  int size() const { return size_; }
+  TimeNs TimeNsOf(int frame) const;
+  double ExposureS(int frame) const;
+  // At the middle of the exposure (of the middle row with a rolling shutter).
+  SE3 WorldFromCamera(int frame) const { return WorldFromCameraAt(SecondsOf(frame)); }
+  // Seconds since the first image; any time.
+  SE3 WorldFromCameraAt(double time_s) const { return trajectory_->Pose(time_s); }
+  double SecondsOf(int frame) const { return static_cast<double>(frame) / options_.rate_hz; }
+  // CV_8UC1. Thread-safe.
+  cv::Mat Render(int frame) const;
+  // z in the camera frame in metres, CV_32FC1, 0: nothing there.
+  cv::Mat Depth(int frame) const { return renderer_->Depth(WorldFromCamera(frame)); }
+
+ private:
+  Sequence() = default;
+
+  SequenceOptions options_;
+  std::unique_ptr<World> world_;  // the renderer keeps its address
+  std::unique_ptr<Renderer> renderer_;
+  std::unique_ptr<Trajectory> trajectory_;
+  int size_ = 0;
+};
+
+}  // namespace cairn::synth

@@ -1,0 +1,330 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <opencv2/imgproc.hpp>
+
+#include "io/frame_source.h"
+#include "io/trajectory.h"
+#include "synth/materials.h"
+#include "synth/sequence.h"
+#include "synth/texture.h"
+#include "synth/write.h"
+
+namespace cairn::synth {
+namespace {
+
+SequenceOptions Small() {
+  SequenceOptions o;
+  o.world.texels_per_m = 120;
+  o.camera = Camera::FromPinhole({320, 240, 210, 210, 159.5, 119.5});
+  o.max_duration_s = 2.0;
+  o.rate_hz = 10;
+  return o;
+}
+
+// One world for all tests of it.
+const Sequence& Office() {
+  static const auto* const kSequence = new absl::StatusOr<Sequence>(Sequence::Create(Small()));
+  return **kSequence;
+}
+
+bool SameBytes(const cv::Mat& a, const cv::Mat& b) {
+  return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0.0;
+}
+
+TEST(Texture, ConstantStaysAndMeanSurvivesReduction) {
+  const Texture flat(cv::Mat(37, 53, CV_8UC1, cv::Scalar(77)));
+  EXPECT_NEAR(flat.Sample(10.3f, 20.1f, 1, 0, 0, 1), 77, 1e-3);
+  EXPECT_NEAR(flat.Sample(10.3f, 20.1f, 9, 3, -1, 12), 77, 1e-3);
+  cv::Mat checks(64, 64, CV_8UC1);
+  for (int y = 0; y < 64; ++y) {
+    for (int x = 0; x < 64; ++x) checks.at<std::uint8_t>(y, x) = (x + y) % 2 == 0 ? 0 : 200;
+  }
+  const Texture texture(checks);
+  EXPECT_NEAR(texture.Sample(0.5f, 0.5f, 0.1f, 0, 0, 0.1f), 0, 1e-3);  // magnified: the texel itself
+  EXPECT_NEAR(texture.Sample(1.5f, 0.5f, 0.1f, 0, 0, 0.1f), 200, 1e-3);
+  EXPECT_NEAR(texture.Sample(30.2f, 31.7f, 8, 0, 0, 8), 100, 2);  // reduced: the mean, no aliasing
+  EXPECT_NEAR(texture.Sample(30.2f, 31.7f, 8, 0, 0, 2), 100, 2);
+}
+
+TEST(Materials, SeededDistinctAndFullOfGradients) {
+  for (int m = 0; m <= static_cast<int>(Material::kWindow); ++m) {
+    const auto material = static_cast<Material>(m);
+    const cv::Mat a = MakeMaterial(material, 0.8, 0.6, 150, 5);
+    EXPECT_TRUE(SameBytes(a, MakeMaterial(material, 0.8, 0.6, 150, 5))) << m;
+    const cv::Mat b = MakeMaterial(material, 0.8, 0.6, 150, 6);
+    EXPECT_FALSE(SameBytes(a, b)) << m;
+    cv::Mat dx;
+    cv::Sobel(a, dx, CV_32F, 1, 0);
+    const double strength = cv::norm(dx, cv::NORM_L1) / static_cast<double>(a.total());
+    if (material == Material::kBlank) {
+      EXPECT_LT(strength, 3.0);
+    } else {
+      EXPECT_GT(strength, 5.0) << m;
+    }
+  }
+}
+
+TEST(Sequence, SameOptionsSameImages) {
+  const auto again = Sequence::Create(Small());
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_EQ(Office().size(), 21);
+  EXPECT_TRUE(SameBytes(Office().Render(7), again->Render(7)));
+  SequenceOptions other = Small();
+  other.world.seed = 2;
+  EXPECT_FALSE(SameBytes(Office().Render(7), Sequence::Create(other)->Render(7)));
+}
+
+TEST(Sequence, ThreadsDoNotChangeTheWorld) {
+  SequenceOptions one = Small();
+  one.world.threads = 1;
+  EXPECT_TRUE(SameBytes(Office().Render(3), Sequence::Create(one)->Render(3)));
+}
+
+TEST(Sequence, DepthAgreesWithTheWorld) {
+  const SE3 pose = Office().WorldFromCamera(4);
+  const cv::Mat depth = Office().Depth(4);
+  int checked = 0;
+  for (int y = 3; y < 240; y += 17) {
+    for (int x = 5; x < 320; x += 23) {
+      const Vector3d ray = *Office().options().camera.Unproject({x, y});
+      const auto hit = Office().world().Cast(pose.translation(), pose.rotation() * ray);
+      ASSERT_TRUE(hit.has_value());
+      const double z = (pose.Inverse() * hit->point_w).z();
+      if (std::abs(z - depth.at<float>(y, x)) < 1e-3) ++checked;
+    }
+  }
+  EXPECT_GE(checked, 14 * 14 - 3);  // a ray along an edge may fall on either side
+}
+
+// The point that a pixel shows is shown alike where another image's pose and depth say it is: poses, depths and images
+// belong together, to a fraction of a pixel.
+TEST(Sequence, ImagesAgreeThroughPosesAndDepths) {
+  const int from = 2, to = 6;
+  cv::Mat a = Office().Render(from), b = Office().Render(to);
+  const cv::Mat depth_a = Office().Depth(from), depth_b = Office().Depth(to);
+  const SE3 b_from_a = Office().WorldFromCamera(to).Inverse() * Office().WorldFromCamera(from);
+  const Pinhole pinhole = Office().options().camera.Intrinsics();
+  const auto mean_difference = [&](const Vector2d& shift) {
+    double sum = 0;
+    int count = 0;
+    for (int y = 8; y < 232; y += 3) {
+      for (int x = 8; x < 312; x += 3) {
+        const Vector3d p = b_from_a * Vector3d(depth_a.at<float>(y, x) * pinhole.Unproject({x, y}));
+        if (p.z() < 0.1) continue;
+        const Vector2d q = pinhole.Project(p) + shift;
+        if (!pinhole.Contains(q, 3)) continue;
+        const int qx = static_cast<int>(q.x()), qy = static_cast<int>(q.y());
+        if (std::abs(depth_b.at<float>(qy, qx) - p.z()) > 0.02 ||
+            std::abs(depth_b.at<float>(qy + 1, qx + 1) - p.z()) > 0.02)
+          continue;
+        cv::Mat patch;
+        cv::getRectSubPix(b, cv::Size(1, 1), cv::Point2f(static_cast<float>(q.x()), static_cast<float>(q.y())), patch);
+        sum += std::abs(patch.at<std::uint8_t>(0, 0) - a.at<std::uint8_t>(y, x));
+        ++count;
+      }
+    }
+    EXPECT_GT(count, 2000);
+    return sum / count;
+  };
+  const double exact = mean_difference({0, 0});
+  EXPECT_LT(exact, 4.0);
+  for (const Vector2d& shift : {Vector2d(0.5, 0), Vector2d(-0.5, 0), Vector2d(0, 0.5), Vector2d(0, -0.5)}) {
+    EXPECT_LT(exact, mean_difference(shift));
+  }
+}
+
+TEST(Sequence, MotionIsSmoothAndSessionsDiffer) {
+  for (const std::string& name : PresetNames()) {
+    const auto options = Preset(name);
+    ASSERT_TRUE(options.ok());
+    for (const int session : {0, 1}) {
+      TrajectoryOptions t = options->trajectory;
+      t.session = session;
+      const auto path = Trajectory::Create(options->world, t);
+      ASSERT_TRUE(path.ok());
+      for (double s = 0; s < path->duration_s(); s += 0.05) {
+        const SE3 a = path->Pose(s), b = path->Pose(s + 0.05);
+        EXPECT_LT((a.translation() - b.translation()).norm(), 0.1) << name << " " << s;
+        EXPECT_LT(AngleRad(a.rotation().conjugate() * b.rotation()), 0.09) << name << " " << s;
+        // Inside, and upright.
+        EXPECT_GT(a.translation().minCoeff(), 0.3) << name << " " << s;
+        EXPECT_GT((options->world.size_m - a.translation()).minCoeff(), 0.3) << name << " " << s;
+        EXPECT_LT((a.rotation() * Vector3d::UnitY()).z(), -0.7);
+      }
+    }
+    TrajectoryOptions second = options->trajectory;
+    second.session = 1;
+    const auto a = Trajectory::Create(options->world, options->trajectory),
+               b = Trajectory::Create(options->world, second);
+    EXPECT_GT((a->Pose(1).translation() - b->Pose(1).translation()).norm(), 0.05);
+  }
+  EXPECT_EQ(Preset("castle").status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST(World, AliasedSidesAreTurnedCopies) {
+  const auto difference = [](const char* preset, double time_s) {
+    WorldOptions o = Preset(preset)->world;
+    o.texels_per_m = 30;
+    const auto world = World::Create(o);
+    const auto renderer = Renderer::Create(*world, Camera::FromPinhole({160, 120, 100, 100, 79.5, 59.5}), {});
+    const SE3 half_turn(ExpSO3(Vector3d(0, 0, std::numbers::pi)), Vector3d(o.size_m.x(), o.size_m.y(), 0));
+    const SE3 here = Trajectory::Create(o, {})->Pose(time_s);
+    cv::Mat each;
+    cv::absdiff(renderer->Render(here), renderer->Render(half_turn * here), each);
+    return cv::mean(each)[0];
+  };
+  EXPECT_LT(difference("aliasing", 4.0), 3.0);  // but for the far end, where the corridor turns
+  EXPECT_GT(difference("corridor", 4.0), 10.0);
+  EXPECT_GT(difference("aliasing", 48.0), 10.0);  // on a side along y
+}
+
+TEST(Effects, EachChangesTheImageAsItShould) {
+  const auto mean = [](const SequenceOptions& o, int frame) { return cv::mean(Sequence::Create(o)->Render(frame))[0]; };
+  SequenceOptions base = Small();
+  base.world.texels_per_m = 40;
+  base.world.furniture_density = 0.3;
+  const cv::Mat plain = Sequence::Create(base)->Render(5);
+  for (const std::string& name : EffectNames()) {
+    SequenceOptions o = base;
+    ASSERT_TRUE(SetEffect(name, true, o).ok());
+    ASSERT_TRUE(o.Validate().ok()) << name;
+    const auto sequence = Sequence::Create(o);
+    const cv::Mat image = sequence->Render(5);
+    EXPECT_FALSE(SameBytes(plain, image)) << name;
+    EXPECT_TRUE(SameBytes(image, sequence->Render(5))) << name;
+    ASSERT_TRUE(SetEffect(name, false, o).ok());
+    EXPECT_TRUE(SameBytes(plain, Sequence::Create(o)->Render(5))) << name;
+  }
+  EXPECT_EQ(SetEffect("rain", true, base).code(), absl::StatusCode::kNotFound);
+  SequenceOptions dim = base;
+  dim.effects.vignette = 0.8;
+  EXPECT_LT(mean(dim, 5), mean(base, 5));
+  // Noise has the promised size where nothing else differs.
+  SequenceOptions noisy = base;
+  noisy.effects.noise_dark = noisy.effects.noise_bright = 3.0;
+  cv::Mat difference, a, b, deviation, average;
+  plain.convertTo(a, CV_32F);
+  Sequence::Create(noisy)->Render(5).convertTo(b, CV_32F);
+  cv::meanStdDev(cv::Mat(b - a), average, deviation);
+  EXPECT_NEAR(deviation.at<double>(0), 3.0, 0.2);
+}
+
+TEST(Effects, ResponseUndoneByItsInverse) {
+  SequenceOptions o = Small();
+  o.world.texels_per_m = 40;
+  o.effects.gamma = 2.0;
+  o.effects.white_level = 200;
+  const auto curved = Sequence::Create(o);
+  o.effects.gamma = 1.0;
+  const cv::Mat linear = Sequence::Create(o)->Render(2), image = curved->Render(2);
+  const auto inverse = curved->renderer().InverseResponse();
+  for (int y = 0; y < 240; y += 11) {
+    for (int x = 0; x < 320; x += 13) {
+      EXPECT_NEAR(inverse[image.at<std::uint8_t>(y, x)], linear.at<std::uint8_t>(y, x), 2.0);
+    }
+  }
+}
+
+TEST(Options, BadOnesAreNamed) {
+  const auto fails = [](auto change) {
+    SequenceOptions o = Small();
+    change(o);
+    return Sequence::Create(o).status().code() == absl::StatusCode::kInvalidArgument;
+  };
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.world.blank_share = 2; }));
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.world.size_m.x() = -1; }));
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.world.texels_per_m = NAN; }));
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.trajectory.laps = 0; }));
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.camera.fx_px = 0; }));
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.effects.gamma = 0; }));
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.rate_hz = 0; }));
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.exposure_s = 1; }));
+}
+
+class Written : public testing::TestWithParam<std::pair<DatasetFormat, CameraModel>> {
+ protected:
+  Written() : folder_(testing::TempDir() + "/cairn_synth_" + std::to_string(::getpid())) {}
+  ~Written() override { std::filesystem::remove_all(folder_); }
+  std::string folder_;
+};
+
+TEST_P(Written, ReadsBackWithPosesAndCalibration) {
+  DatasetOptions o;
+  o.sequence = Small();
+  o.sequence.world.texels_per_m = 30;
+  o.sequence.max_duration_s = 0.3;
+  o.format = GetParam().first;
+  for (const char* effect : {"vignette", "response", "exposure", "noise"}) {
+    ASSERT_TRUE(SetEffect(effect, true, o.sequence).ok());
+  }
+  Camera& camera = o.sequence.camera;
+  camera.model = GetParam().second;
+  if (camera.model == CameraModel::kRadialTangential) camera.distortion = {-0.28, 0.07, 2e-4, 2e-5};
+  if (camera.model == CameraModel::kKannalaBrandt) camera.distortion = {0.01, -0.002, 1e-3, -1e-4};
+  if (camera.model == CameraModel::kFov) camera.distortion = {0.9};
+  int heard = 0;
+  const absl::Status status = GenerateDataset(o, folder_, [&](int done, int total) {
+    EXPECT_EQ(total, 4);
+    heard = done;
+    return true;
+  });
+  ASSERT_TRUE(status.ok()) << status;
+  EXPECT_EQ(heard, 4);
+
+  auto source = io::FrameSource::Open(folder_);
+  ASSERT_TRUE(source.ok()) << source.status();
+  const io::SourceInfo& info = (*source)->info();
+  EXPECT_EQ(info.format, o.format == DatasetFormat::kEuroc ? io::SequenceFormat::kEuroc : io::SequenceFormat::kTumMono);
+  for (const Vector2d& pixel : {Vector2d(20, 30), Vector2d(300, 200)}) {
+    const auto read = info.camera.Unproject(pixel), expected = camera.Unproject(pixel);
+    ASSERT_TRUE(read.has_value() && expected.has_value());
+    EXPECT_LT((*read - *expected).norm(), 1e-9);
+  }
+  const auto sequence = Sequence::Create(o.sequence);
+  for (int i = 0; i < 4; ++i) {
+    const auto frame = (*source)->Next();
+    ASSERT_TRUE(frame.ok() && frame->has_value());
+    ASSERT_TRUE((*frame)->status.ok()) << (*frame)->status;
+    EXPECT_EQ((*frame)->time_ns, sequence->TimeNsOf(i));
+    EXPECT_TRUE(SameBytes((*frame)->gray, sequence->Render(i)));
+    if (o.format == DatasetFormat::kTumMono) {
+      EXPECT_NEAR((*frame)->exposure_s, sequence->ExposureS(i), 1e-9);
+    }
+  }
+  EXPECT_EQ(info.photometric.has_value(), o.format == DatasetFormat::kTumMono);
+  const auto truth =
+      io::ReadTrajectory(folder_ + (o.format == DatasetFormat::kEuroc ? "/groundtruth_cam0.txt" : "/groundtruth.txt"));
+  ASSERT_TRUE(truth.ok()) << truth.status();
+  ASSERT_EQ(truth->poses.size(), 4u);
+  EXPECT_LT((truth->poses[2].world_from_camera.Inverse() * sequence->WorldFromCamera(2)).Log().norm(), 1e-6);
+  if (o.format == DatasetFormat::kEuroc) {
+    const auto body = io::ReadTrajectory(folder_ + "/mav0/state_groundtruth_estimate0/data.csv");
+    ASSERT_TRUE(body.ok()) << body.status();
+    EXPECT_EQ(body->poses.size(), 61u);
+    ASSERT_TRUE(info.body_from_camera.has_value());
+    EXPECT_LT(((body->poses[20].world_from_camera * *info.body_from_camera).Inverse() * sequence->WorldFromCamera(1))
+                  .Log()
+                  .norm(),
+              1e-6);
+  }
+
+  EXPECT_EQ(GenerateDataset(o, folder_).code(), absl::StatusCode::kAlreadyExists);
+  o.overwrite = true;
+  EXPECT_EQ(GenerateDataset(o, folder_, [](int, int) { return false; }).code(), absl::StatusCode::kCancelled);
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, Written,
+                         testing::Values(std::pair{DatasetFormat::kEuroc, CameraModel::kPinhole},
+                                         std::pair{DatasetFormat::kEuroc, CameraModel::kRadialTangential},
+                                         std::pair{DatasetFormat::kEuroc, CameraModel::kKannalaBrandt},
+                                         std::pair{DatasetFormat::kTumMono, CameraModel::kPinhole},
+                                         std::pair{DatasetFormat::kTumMono, CameraModel::kRadialTangential},
+                                         std::pair{DatasetFormat::kTumMono, CameraModel::kFov}));
+
+}  // namespace
+}  // namespace cairn::synth
