@@ -74,7 +74,7 @@ Point Axes::ToPage(double x, double y) const {
 
 void Axes::Draw(Canvas& canvas, const std::string& x_label, const std::string& y_label) const {
   const std::vector<double> ticks_x = Ticks(x_, std::max(2, static_cast<int>(area_.width / 80.0)));
-  const std::vector<double> ticks_y = Ticks(y_, std::max(2, static_cast<int>(area_.height / 55.0)));
+  const std::vector<double> ticks_y = Ticks(y_, std::max(2, static_cast<int>(area_.height / 42.0)));
   const double step_x = ticks_x.size() > 1 ? ticks_x[1] - ticks_x[0] : 1.0;
   const double step_y = ticks_y.size() > 1 ? ticks_y[1] - ticks_y[0] : 1.0;
   for (const double t : ticks_x) {
@@ -96,8 +96,8 @@ void Axes::Draw(Canvas& canvas, const std::string& x_label, const std::string& y
 void Axes::DrawScaleBar(Canvas& canvas) const {
   const double length = Step(x_.size() / 5.0, 1);
   const double width = length * scale_x_;
-  const Point left{area_.x + 14.0, area_.bottom() - 14.0};
-  canvas.FillRect({left.x - 7.0, left.y - 21.0, width + 14.0, 29.0}, Color{1, 1, 1, 0.8});
+  // Below the frame, where no data are.
+  const Point left{area_.right() - width, area_.bottom() + 34.0};
   canvas.Line(left, {left.x + width, left.y}, kInk, 2.0);
   for (const double x : {left.x, left.x + width}) canvas.Line({x, left.y - 3.0}, {x, left.y + 3.0}, kInk, 1.2);
   canvas.Text({left.x + 0.5 * width, left.y - 7.0}, TickLabel(length, length) + " m",

@@ -37,7 +37,7 @@ class Axes {
 
   // Grid, frame, tick labels and axis labels.
   void Draw(Canvas& canvas, const std::string& x_label, const std::string& y_label) const;
-  // A bar of a round length in metres at the lower left.
+  // A bar of a round length in metres below the frame, at its right end.
   void DrawScaleBar(Canvas& canvas) const;
 
  private:

@@ -352,9 +352,10 @@ int Renderer::BlurSamples(const Shot& shot) const {
   if (effects_.max_blur_samples <= 1 || shot.exposure_s <= 0.0) return 1;
   const SE3 motion = shot.world_from_camera(shot.time_s - 0.5 * shot.exposure_s).Inverse() *
                      shot.world_from_camera(shot.time_s + 0.5 * shot.exposure_s);
-  // Things are some 1.5 m away.
+  // Things are some 1.5 m away. A pixel is as wide as the filter of its texture, so one image per pixel of motion
+  // leaves no gaps.
   const double motion_px = camera_.fx_px * (AngleRad(motion.rotation()) + motion.translation().norm() / 1.5);
-  return std::clamp(static_cast<int>(std::lround(motion_px / 0.6)), 1, effects_.max_blur_samples);
+  return std::clamp(static_cast<int>(std::lround(motion_px)), 1, effects_.max_blur_samples);
 }
 
 cv::Mat Renderer::Develop(const std::vector<float>& light, float gain, std::uint64_t noise_seed) const {
