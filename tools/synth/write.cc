@@ -163,7 +163,7 @@ absl::Status WriteEuroc(const Sequence& sequence, const DatasetOptions& options,
       io::WriteFileAtomically((camera / "sensor.yaml").string(), EurocSensor(options.sequence), true));
   CAIRN_RETURN_IF_ERROR(io::WriteFileAtomically((state / "data.csv").string(), EurocGroundtruth(sequence), true));
   return io::WriteTumTrajectory((root / "groundtruth_cam0.txt").string(), CameraPoses(sequence),
-                                {.overwrite = true, .comment = "world_from_cam0: t tx ty tz qx qy qz qw"});
+                                {.overwrite = true, .comment = "world_from_cam0, synthetic"});
 }
 
 std::string TumMonoCamera(const Camera& c) {
@@ -209,7 +209,7 @@ absl::Status WriteTumMono(const Sequence& sequence, const DatasetOptions& option
   CAIRN_RETURN_IF_ERROR(
       io::WriteFileAtomically((root / "camera.txt").string(), TumMonoCamera(options.sequence.camera), true));
   return io::WriteTumTrajectory((root / "groundtruth.txt").string(), CameraPoses(sequence),
-                                {.overwrite = true, .comment = "world_from_camera: t tx ty tz qx qy qz qw"});
+                                {.overwrite = true, .comment = "world_from_camera, synthetic"});
 }
 
 }  // namespace
