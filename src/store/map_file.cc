@@ -44,35 +44,42 @@ MapFile::~MapFile() {
 
 absl::StatusOr<std::unique_ptr<MapFile>> MapFile::Create(const std::string& path, const map::MapInfo& info,
                                                          const CreateOptions& options) {
-  const absl::Status created = [&]() -> absl::Status {
+  auto created = [&]() -> absl::StatusOr<std::unique_ptr<MapFile>> {
     CAIRN_RETURN_IF_ERROR(CheckNewInfo(info));
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveNew(path));
-    CAIRN_ASSIGN_OR_RETURN(const auto lock, WriterLock::Acquire(resolved));
+    CAIRN_ASSIGN_OR_RETURN(auto lock, WriterLock::Acquire(resolved));
     if (!options.overwrite && access(resolved.c_str(), F_OK) == 0) {
       return MakeFault(Fault::kExists, "exists already: choose another name, or ask to overwrite it");
     }
-    return WriteNewMap(resolved, info, options.vocabulary);
+    CAIRN_RETURN_IF_ERROR(WriteNewMap(resolved, info, options.vocabulary));
+    return OpenLocked(path, resolved, std::move(lock), options.write);
   }();
-  CAIRN_RETURN_IF_ERROR(Annotate(created, absl::StrCat("creating map ", path)));
-  return Open(path, options.write);
+  if (!created.ok()) return Annotate(created.status(), absl::StrCat("creating map ", path));
+  return created;
 }
 
 absl::StatusOr<std::unique_ptr<MapFile>> MapFile::Open(const std::string& path, const WriteOptions& options) {
   auto opened = [&]() -> absl::StatusOr<std::unique_ptr<MapFile>> {
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(path));
     CAIRN_ASSIGN_OR_RETURN(auto lock, WriterLock::Acquire(resolved));
-    CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(resolved, Database::Mode::kReadWrite));
-    CAIRN_RETURN_IF_ERROR(CheckIdentity(database.get()));
-    CAIRN_RETURN_IF_ERROR(PrepareForWriting(database.get(), options));
-    CAIRN_RETURN_IF_ERROR(Migrate(database.get(), BuiltInMigrations()));
-    CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
-    std::unique_ptr<MapFile> file(new MapFile(path, std::move(database), std::move(lock), options));
-    CAIRN_ASSIGN_OR_RETURN(file->writer_, DeltaWriter::Prepare(file->database_.get()));
-    CAIRN_RETURN_IF_ERROR(file->writer_->ReadMapRow().status());
-    return file;
+    return OpenLocked(path, resolved, std::move(lock), options);
   }();
   if (!opened.ok()) return Annotate(opened.status(), absl::StrCat("opening map ", path, " for writing"));
   return opened;
+}
+
+absl::StatusOr<std::unique_ptr<MapFile>> MapFile::OpenLocked(const std::string& path, const std::string& resolved,
+                                                             std::unique_ptr<WriterLock> lock,
+                                                             const WriteOptions& options) {
+  CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(resolved, Database::Mode::kReadWrite));
+  CAIRN_RETURN_IF_ERROR(CheckIdentity(database.get()));
+  CAIRN_RETURN_IF_ERROR(PrepareForWriting(database.get(), options));
+  CAIRN_RETURN_IF_ERROR(Migrate(database.get(), BuiltInMigrations()));
+  CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
+  std::unique_ptr<MapFile> file(new MapFile(path, std::move(database), std::move(lock), options));
+  CAIRN_ASSIGN_OR_RETURN(file->writer_, DeltaWriter::Prepare(file->database_.get()));
+  CAIRN_RETURN_IF_ERROR(file->writer_->ReadMapRow().status());
+  return file;
 }
 
 absl::StatusOr<std::unique_ptr<MapFile>> MapFile::OpenReadOnly(const std::string& path) {

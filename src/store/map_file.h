@@ -35,9 +35,9 @@ struct WriteOptions {
 };
 
 struct CreateOptions {
-  bool overwrite = false;        // replace a file that is there, in one step, once the new map is complete on disk
-  absl::string_view vocabulary;  // serialised; stored with the map from the start (or later by PutVocabulary)
-  WriteOptions write;
+  bool overwrite = false;             // replace a file that is there, in one step, once the new map is complete on disk
+  absl::string_view vocabulary = {};  // serialised; stored with the map from the start (or later by PutVocabulary)
+  WriteOptions write = {};
 };
 
 // Sizes, without loading the map.
@@ -131,6 +131,10 @@ class MapFile {
   absl::Status Compact();
 
  private:
+  // Open() once the right to write is there; `resolved` as by ResolveExisting.
+  static absl::StatusOr<std::unique_ptr<MapFile>> OpenLocked(const std::string& path, const std::string& resolved,
+                                                             std::unique_ptr<WriterLock> lock,
+                                                             const WriteOptions& options);
   MapFile(std::string path, std::unique_ptr<Database> database, std::unique_ptr<WriterLock> lock,
           const WriteOptions& options);
   absl::Status Annotated(const absl::Status& status) const;

@@ -210,6 +210,8 @@ absl::Status WriteNewMap(const std::string& path, const map::MapInfo& info, absl
     // A log of the file that is replaced would be taken for one of the new file.
     RemoveCompanions(path);
     if (rename(fresh.c_str(), path.c_str()) != 0) return SystemFault("putting the new map in place", errno);
+    // A reader that came to the old file in between may have made new ones.
+    RemoveCompanions(path);
     return SyncFolder(FolderOf(path));
   }();
   if (!written.ok()) {

@@ -18,6 +18,23 @@ bool IsOutOfSpace(int system_errno) {
   return system_errno == ENOSPC || system_errno == EFBIG || system_errno == EDQUOT;
 }
 
+// The operating system's reason for an input or output error. sqlite3_system_errno() knows it only if nothing else went
+// on meanwhile; the files of the database remember it.
+int SystemErrno(sqlite3* connection) {
+  if (connection == nullptr) return 0;
+  if (const int known = sqlite3_system_errno(connection); known != 0) return known;
+  for (const int which : {SQLITE_FCNTL_FILE_POINTER, SQLITE_FCNTL_JOURNAL_POINTER}) {
+    sqlite3_file* file = nullptr;
+    int last = 0;
+    if (sqlite3_file_control(connection, "main", which, &file) == SQLITE_OK && file != nullptr &&
+        file->pMethods != nullptr && file->pMethods->xFileControl(file, SQLITE_FCNTL_LAST_ERRNO, &last) == SQLITE_OK &&
+        last != 0) {
+      return last;
+    }
+  }
+  return 0;
+}
+
 Fault FaultOfCode(int code, int system_errno) {
   switch (code & 0xff) {
     case SQLITE_CORRUPT:
@@ -70,12 +87,11 @@ absl::Status SqliteError(sqlite3* connection, int code) {
   const int extended = connection != nullptr ? sqlite3_extended_errcode(connection) : code;
   if ((extended & 0xff) == (code & 0xff)) code = extended;
   const char* text = connection != nullptr ? sqlite3_errmsg(connection) : sqlite3_errstr(code);
-  const int system_errno = connection != nullptr ? sqlite3_system_errno(connection) : 0;
-  std::string detail = absl::StrCat("SQLite: ", text, ", code ", code);
   const int primary = code & 0xff;
-  if (system_errno != 0 && (primary == SQLITE_IOERR || primary == SQLITE_CANTOPEN || primary == SQLITE_FULL)) {
-    absl::StrAppend(&detail, ", ", std::strerror(system_errno));
-  }
+  const bool is_system = primary == SQLITE_IOERR || primary == SQLITE_CANTOPEN || primary == SQLITE_FULL;
+  const int system_errno = is_system ? SystemErrno(connection) : 0;
+  std::string detail = absl::StrCat("SQLite: ", text, ", code ", code);
+  if (system_errno != 0) absl::StrAppend(&detail, ", ", std::strerror(system_errno));
   if (primary == SQLITE_CONSTRAINT) {
     return absl::InvalidArgumentError(absl::StrCat("the change breaks a rule of the map file (", detail, ")"));
   }

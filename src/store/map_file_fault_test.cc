@@ -1,0 +1,405 @@
+// What a map file and its users go through: damage, killed writers, full disks, read-only media, readers beside a
+// writer.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <fstream>
+#include <iterator>
+#include <set>
+
+#include "store/map_file.h"
+#include "store/sqlite.h"
+#include "store/test_maps.h"
+
+namespace cairn::store {
+namespace {
+
+using testing::Bits;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using testing::MapGrower;
+using testing::TempFolder;
+using testing::TestInfo;
+using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
+
+std::string ReadBytes(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void WriteBytes(const std::string& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes;
+}
+
+// Starts a map at `path`, or goes on with it.
+SnapshotPtr MakeMap(const std::string& path, std::uint64_t seed, int keyframes, testing::GrowOptions options = {}) {
+  const std::string vocabulary(9000, 'w');
+  auto file = *MapFile::Create(path, TestInfo(),
+                               {.overwrite = true, .vocabulary = vocabulary, .write = {.sync_every_commit = false}});
+  MapGrower grower(seed, options);
+  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+  for (int i = 0; i <= keyframes; ++i) {
+    const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
+    map = *map->Apply(delta);
+    EXPECT_TRUE(file->Commit(delta).ok());
+  }
+  return map;
+}
+
+// What reading the file comes to; never more than an error, and never other content than `good`.
+struct Reading {
+  absl::Status status;
+  bool loaded = false;
+  bool has_findings = false;
+};
+
+Reading ReadAll(const std::string& path, const Bits& good) {
+  Reading reading;
+  auto file = MapFile::OpenReadOnly(path);
+  if (!file.ok()) {
+    reading.status = file.status();
+    return reading;
+  }
+  const auto map = (*file)->LoadSnapshot();
+  reading.status = map.status();
+  reading.loaded = map.ok();
+  if (map.ok()) {
+    EXPECT_EQ(Bits(**map), good);
+  }
+  const auto vocabulary = (*file)->LoadVocabulary();
+  if (vocabulary.ok()) {
+    EXPECT_EQ(*vocabulary, std::string(9000, 'w'));
+  }
+  const auto findings = (*file)->Verify();
+  if (!findings.ok()) {
+    reading.status = findings.status();
+    reading.loaded = false;
+    return reading;
+  }
+  reading.has_findings = !findings->empty();
+  // What cannot be loaded is found.
+  EXPECT_TRUE(reading.loaded || reading.has_findings) << map.status();
+  return reading;
+}
+
+TEST(MapFaults, NotAMap) {
+  const TempFolder folder;
+  const auto fault = [&](const std::string& name) {
+    const absl::Status reading = MapFile::OpenReadOnly(folder.File(name)).status();
+    const absl::Status writing = MapFile::Open(folder.File(name)).status();
+    EXPECT_EQ(FaultOf(reading), FaultOf(writing)) << reading << writing;
+    EXPECT_THAT(std::string(reading.message()), HasSubstr(folder.File(name)));
+    return FaultOf(reading);
+  };
+  EXPECT_EQ(fault("missing.cairn"), Fault::kNotFound);
+  EXPECT_EQ(fault("missing/a.cairn"), Fault::kNotFound);
+  EXPECT_EQ(fault("."), Fault::kNotAMap);
+  WriteBytes(folder.File("empty"), "");
+  EXPECT_EQ(fault("empty"), Fault::kNotAMap);
+  WriteBytes(folder.File("text"), "hello");
+  EXPECT_EQ(fault("text"), Fault::kNotAMap);
+  WriteBytes(folder.File("noise"), std::string(100000, '\x55'));
+  EXPECT_EQ(fault("noise"), Fault::kNotAMap);
+  ASSERT_EQ(mkfifo(folder.File("pipe").c_str(), 0600), 0);
+  EXPECT_EQ(fault("pipe"), Fault::kNotAMap);
+  {
+    auto other = *Database::OpenFile(folder.File("other"), Database::Mode::kCreate);
+    ASSERT_TRUE(other->Execute("CREATE TABLE t (a)").ok());
+  }
+  EXPECT_EQ(fault("other"), Fault::kNotAMap);
+  std::set<std::string> names;
+  for (const std::string& name : folder.Names()) names.insert(name);
+  EXPECT_THAT(names, ElementsAre("empty", "noise", "other", "pipe", "text"));
+}
+
+TEST(MapFaults, NewerVersion) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  MakeMap(path, 1, 2);
+  ASSERT_TRUE((*Database::OpenFile(path, Database::Mode::kReadWrite))->Execute("PRAGMA user_version = 7").ok());
+  for (const absl::Status& status : {MapFile::OpenReadOnly(path).status(), MapFile::Open(path).status()}) {
+    EXPECT_TRUE(IsNewerVersion(status)) << status;
+    EXPECT_EQ(status.code(), absl::StatusCode::kUnimplemented);
+    EXPECT_THAT(std::string(status.message()), HasSubstr("format 7"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr("up to 1"));
+  }
+}
+
+TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  const auto expect_finding = [&](const std::string& sql, const std::string& table, std::int64_t id) {
+    MakeMap(path, 2, 5);
+    {
+      auto database = *Database::OpenFile(path, Database::Mode::kReadWrite);
+      const absl::Status status = database->Execute("PRAGMA foreign_keys = OFF; " + sql);
+      ASSERT_TRUE(status.ok()) << status;
+    }
+    auto file = MapFile::OpenReadOnly(path);
+    if (file.ok()) {
+      bool found = false;
+      const auto findings = (*file)->Verify();
+      ASSERT_TRUE(findings.ok()) << findings.status();
+      for (const Finding& finding : *findings) found = found || (finding.table == table && finding.id == id);
+      EXPECT_TRUE(found) << sql;
+    }
+    // The log and the views matter to people only.
+    if (table == "changes" || table == "overview" || table == "vocabulary") return;
+    const absl::Status status = file.ok() ? (*file)->LoadSnapshot().status() : file.status();
+    EXPECT_TRUE(IsDamaged(status)) << sql << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(table)) << sql;
+  };
+  expect_finding("UPDATE map SET name = 'other'", "map", 1);
+  expect_finding("UPDATE cameras SET fx_px = 1.0", "cameras", 1);
+  expect_finding("UPDATE sessions SET complete = 1", "sessions", 1);
+  expect_finding("UPDATE keyframes SET time_ns = 1 WHERE id = 3", "keyframes", 3);
+  expect_finding("UPDATE keyframe_features SET keypoints = zeroblob(540) WHERE keyframe = 2", "keyframe_features", 2);
+  expect_finding("UPDATE keyframe_features SET words = zeroblob(180) WHERE keyframe = 2", "keyframe_features", 2);
+  expect_finding("UPDATE keyframe_points SET point_ids = zeroblob(60) WHERE keyframe = 4", "keyframe_points", 4);
+  expect_finding("UPDATE points SET z = -z WHERE id = 17", "points", 17);
+  expect_finding("UPDATE covisibility SET shared_points = 99 WHERE keyframe_a = 2", "covisibility", 2);
+  expect_finding("UPDATE vocabulary SET bytes = 'x'", "vocabulary", 1);
+  expect_finding("UPDATE changes SET reason = 'x' WHERE revision = 2", "changes", 2);
+  expect_finding("DELETE FROM points WHERE id = 17", "points", 0);
+  expect_finding("DELETE FROM covisibility WHERE keyframe_a = 2", "covisibility", 0);
+  expect_finding("DELETE FROM keyframe_points WHERE keyframe = 2", "keyframe_points", 0);
+  expect_finding("DELETE FROM keyframe_features WHERE keyframe = 2", "keyframe_features", 2);
+  expect_finding("DELETE FROM map", "map", 0);
+  expect_finding("DROP TABLE points", "points", 0);
+  expect_finding("DROP VIEW overview", "overview", 0);
+}
+
+TEST(MapFaults, FlippedBytesAreFoundOrHarmless) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn"), broken = folder.File("b.cairn");
+  const SnapshotPtr map = MakeMap(path, 3, 5, {.features = 400, .new_points = 150});
+  const Bits good(*map);
+  const std::string bytes = ReadBytes(path);
+  Random random(4);
+  int found = 0, harmless = 0;
+  for (int trial = 0; trial < 320; ++trial) {
+    std::string damaged = bytes;
+    // Single bits, bytes, and runs; every fourth time in the first pages, which hold the header and the table
+    // definitions.
+    const std::size_t range = trial % 4 == 0 ? 12288 : bytes.size();
+    const std::size_t at = random.Below(std::min(range, bytes.size()));
+    const std::size_t length = trial % 3 == 0 ? 1 + random.Below(64) : 1;
+    for (std::size_t i = at; i < std::min(at + length, bytes.size()); ++i) {
+      const auto flip = trial % 2 == 0 ? 1u << random.Below(8) : 1u + random.Below(255);
+      damaged[i] = static_cast<char>(static_cast<unsigned>(damaged[i]) ^ flip);
+    }
+    WriteBytes(broken, damaged);
+    const Reading reading = ReadAll(broken, good);
+    (reading.loaded && !reading.has_findings ? harmless : found) += 1;
+    if (!reading.status.ok()) {
+      EXPECT_NE(FaultOf(reading.status), Fault::kNone) << reading.status;
+    }
+    for (const char* suffix : {"-wal", "-shm"}) unlink((broken + suffix).c_str());
+  }
+  std::printf("%d of %d damages found, the others harmless\n", found, found + harmless);
+  EXPECT_GT(found, harmless);
+}
+
+TEST(MapFaults, TruncatedFilesAreDamaged) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn"), broken = folder.File("b.cairn");
+  const SnapshotPtr map = MakeMap(path, 5, 5);
+  const Bits good(*map);
+  const std::string bytes = ReadBytes(path);
+  for (std::size_t size = 4096; size < bytes.size(); size += 4096) {
+    for (const std::size_t cut : {size, size - 1234}) {
+      WriteBytes(broken, bytes.substr(0, cut));
+      const Reading reading = ReadAll(broken, good);
+      EXPECT_FALSE(reading.loaded);
+      EXPECT_TRUE(IsDamaged(reading.status)) << cut << reading.status;
+      EXPECT_TRUE(IsDamaged(MapFile::Open(broken).status()));
+    }
+  }
+}
+
+// Runs `work` in a child process and gives its process id; what `work` returns is the exit code.
+template <class Work>
+pid_t InChild(Work work) {
+  const pid_t child = fork();
+  if (child == 0) _exit(work());
+  return child;
+}
+
+int ExitCode(pid_t child) {
+  int status = 0;
+  waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+// Goes on writing until killed; tells `acknowledge` every revision that is safe.
+int WriteForever(const std::string& path, std::uint64_t seed, int acknowledge) {
+  auto file = MapFile::Open(path);
+  if (!file.ok()) return 2;
+  auto map = (*file)->LoadSnapshot();
+  if (!map.ok()) return 3;
+  MapGrower grower(seed, {.features = 300, .new_points = 60});
+  for (int step = 0;; ++step) {
+    const map::Delta delta = step % 4 == 3 && (*map)->keyframes().size() > 12 ? grower.Cull(*map)
+                             : step % 2 == 1                                  ? grower.Adjust(*map, 5)
+                                                                              : grower.AddKeyframe(*map);
+    map = (*map)->Apply(delta);
+    if (!map.ok() || !(*file)->Commit(delta).ok()) return 4;
+    const Revision revision = (*map)->revision();
+    if (write(acknowledge, &revision, sizeof(revision)) != sizeof(revision)) return 5;
+  }
+}
+
+TEST(MapFaults, KilledWritersLoseNothing) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  MakeMap(path, 6, 3, {.features = 300, .new_points = 60});
+  Random random(7);
+  for (int trial = 0; trial < 24; ++trial) {
+    int pipe_ends[2];
+    ASSERT_EQ(pipe(pipe_ends), 0);
+    const pid_t child =
+        InChild([&] { return WriteForever(path, 100 + static_cast<std::uint64_t>(trial), pipe_ends[1]); });
+    close(pipe_ends[1]);
+    Revision acknowledged = 0;
+    ASSERT_EQ(read(pipe_ends[0], &acknowledged, sizeof(acknowledged)), static_cast<ssize_t>(sizeof(acknowledged)));
+    usleep(static_cast<useconds_t>(random.Below(30000)));
+    kill(child, SIGKILL);
+    while (read(pipe_ends[0], &acknowledged, sizeof(acknowledged)) == sizeof(acknowledged)) {
+    }
+    close(pipe_ends[0]);
+    ASSERT_EQ(ExitCode(child), -1);
+
+    auto file = MapFile::OpenReadOnly(path);
+    ASSERT_TRUE(file.ok()) << file.status();
+    const auto map = (*file)->LoadSnapshot();
+    ASSERT_TRUE(map.ok()) << map.status();
+    EXPECT_GE((*map)->revision(), acknowledged);
+    EXPECT_LE((*map)->revision(), acknowledged + 1);
+    EXPECT_TRUE((*map)->CheckConsistency().ok());
+    if (trial % 8 == 7) {
+      EXPECT_THAT(*(*file)->Verify(), IsEmpty());
+    }
+  }
+}
+
+TEST(MapFaults, FullDiskKeepsTheLastRevision) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  MakeMap(path, 8, 3, {.features = 300, .new_points = 60});
+  struct stat info {};
+  ASSERT_EQ(stat(path.c_str(), &info), 0);
+  const auto size = static_cast<rlim_t>(info.st_size);
+  const pid_t child = InChild([&] {
+    signal(SIGXFSZ, SIG_IGN);
+    auto file = MapFile::Open(path);
+    if (!file.ok()) return 2;
+    auto map = *(*file)->LoadSnapshot();
+    MapGrower grower(9, {.features = 300, .new_points = 60});
+    rlimit limit{};
+    getrlimit(RLIMIT_FSIZE, &limit);
+    const rlim_t no_limit = limit.rlim_cur;
+    for (int round = 0; round < 3; ++round) {
+      limit.rlim_cur = size + 100000;
+      setrlimit(RLIMIT_FSIZE, &limit);
+      absl::Status status;
+      for (int i = 0; i < 100 && status.ok(); ++i) {
+        const map::Delta delta = i % 2 == 0 ? grower.AddKeyframe(map) : grower.Adjust(map, 3);
+        status = (*file)->Commit(delta);
+        if (status.ok()) map = *map->Apply(delta);
+      }
+      if (FaultOf(status) != Fault::kFull) return 3;
+      if (status.code() != absl::StatusCode::kResourceExhausted) return 4;
+      // Reading goes on, and so does writing once there is room.
+      auto reader = MapFile::OpenReadOnly(path);
+      if (!reader.ok() || !testing::SameBits(**(*reader)->LoadSnapshot(), *map)) return 5;
+      limit.rlim_cur = no_limit;
+      setrlimit(RLIMIT_FSIZE, &limit);
+      const map::Delta delta = grower.AddKeyframe(map);
+      if (!(*file)->Commit(delta).ok()) return 6;
+      map = *map->Apply(delta);
+    }
+    if (!(*file)->Close().ok()) return 7;
+    auto reader = MapFile::OpenReadOnly(path);
+    return reader.ok() && testing::SameBits(**(*reader)->LoadSnapshot(), *map) && (*reader)->Verify()->empty() ? 0 : 8;
+  });
+  EXPECT_EQ(ExitCode(child), 0);
+}
+
+TEST(MapFaults, FullDiskAtCreationLeavesTheOldMap) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  const SnapshotPtr map = MakeMap(path, 10, 2);
+  const pid_t child = InChild([&] {
+    signal(SIGXFSZ, SIG_IGN);
+    rlimit limit{};
+    getrlimit(RLIMIT_FSIZE, &limit);
+    limit.rlim_cur = 50000;
+    setrlimit(RLIMIT_FSIZE, &limit);
+    const std::string vocabulary(200000, 'v');
+    const auto file = MapFile::Create(path, TestInfo(), {.overwrite = true, .vocabulary = vocabulary});
+    return FaultOf(file.status()) == Fault::kFull ? 0 : 1;
+  });
+  EXPECT_EQ(ExitCode(child), 0);
+  EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
+  EXPECT_TRUE(testing::SameBits(**(*MapFile::OpenReadOnly(path))->LoadSnapshot(), *map));
+}
+
+TEST(MapFaults, ReadOnlyMedium) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  const SnapshotPtr map = MakeMap(path, 11, 3);
+  chmod(path.c_str(), 0444);
+  chmod(folder.path().c_str(), 0555);
+  const pid_t child = InChild([&] {
+    if (geteuid() == 0 && setuid(65534) != 0) return 1;
+    auto reader = MapFile::OpenReadOnly(path);
+    if (!reader.ok()) return 2;
+    if (!testing::SameBits(**(*reader)->LoadSnapshot(), *map)) return 3;
+    if (!(*reader)->Verify()->empty()) return 4;
+    if (FaultOf(MapFile::Open(path).status()) != Fault::kReadOnly) return 5;
+    return FaultOf(MapFile::Create(path + "2", TestInfo()).status()) == Fault::kReadOnly ? 0 : 6;
+  });
+  EXPECT_EQ(ExitCode(child), 0);
+  chmod(folder.path().c_str(), 0755);
+  EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
+}
+
+TEST(MapFaults, ReadersSeeWholeRevisionsWhileAWriterWorks) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  MakeMap(path, 12, 3, {.features = 300, .new_points = 60});
+  int pipe_ends[2];
+  ASSERT_EQ(pipe(pipe_ends), 0);
+  const pid_t child = InChild([&] { return WriteForever(path, 13, pipe_ends[1]); });
+  close(pipe_ends[1]);
+  Revision acknowledged = 0;
+  ASSERT_EQ(read(pipe_ends[0], &acknowledged, sizeof(acknowledged)), static_cast<ssize_t>(sizeof(acknowledged)));
+  EXPECT_EQ(FaultOf(MapFile::Open(path).status()), Fault::kBusy);
+  auto reader = *MapFile::OpenReadOnly(path);
+  Revision last = acknowledged;
+  for (int i = 0; i < 25; ++i) {
+    if (i % 5 == 4) reader = *MapFile::OpenReadOnly(path);
+    const auto map = reader->LoadSnapshot();
+    ASSERT_TRUE(map.ok()) << map.status();
+    EXPECT_TRUE((*map)->CheckConsistency().ok());
+    EXPECT_GE((*map)->revision(), last);
+    last = (*map)->revision();
+  }
+  EXPECT_GT(last, acknowledged);
+  kill(child, SIGKILL);
+  ExitCode(child);
+  close(pipe_ends[0]);
+  reader.reset();
+  ASSERT_TRUE((*MapFile::Open(path))->Close().ok());
+  EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
+}
+
+}  // namespace
+}  // namespace cairn::store
