@@ -21,7 +21,7 @@ class PlaceDatabase {
  public:
   // Features are compared when they share the tree node at this level (0: all with all): higher is faster, and loses
   // more of the pairs that the vocabulary's borders separate.
-  static constexpr int kDefaultDirectLevel = 1;
+  static constexpr int kDefaultDirectLevel = 2;
 
   // InvalidArgument: no vocabulary, a bad level. FailedPrecondition: the map was made with another vocabulary.
   static absl::StatusOr<PlaceDatabase> Build(std::shared_ptr<const place::Vocabulary> vocabulary,

@@ -64,13 +64,14 @@ absl::Status ProjectionOptions::Validate() const {
     return bad("max_viewing_angle_deg must be in (0, 180]");
   }
   if (!(distance_slack >= 1.0)) return bad("distance_slack must be at least 1");
+  if (!(focal_ratio > 0.0)) return bad("focal_ratio must be positive");
   if (octave_slack < 0) return bad("octave_slack must not be negative");
   return absl::OkStatus();
 }
 
-int PredictOctave(const map::MapPoint& point, double distance, const image::OrbParameters& orb) {
+int PredictOctave(const map::MapPoint& point, double distance, const image::OrbParameters& orb, double focal_ratio) {
   if (!(distance > 0.0)) return orb.num_levels - 1;
-  const double octave = std::log(point.max_distance / distance) / std::log(orb.scale_factor);
+  const double octave = std::log(focal_ratio * point.max_distance / distance) / std::log(orb.scale_factor);
   if (!(octave > 0.0)) return 0;
   return static_cast<int>(std::min(std::round(octave), orb.num_levels - 1.0));
 }
@@ -84,8 +85,9 @@ std::optional<PointProjection> PredictPoint(const Pinhole& pinhole, const SE3& c
   projection.pixel = pinhole.Project(point_c);
   if (!pinhole.Contains(projection.pixel)) return std::nullopt;
   projection.distance = point_c.norm();
-  if (projection.distance < point.min_distance / options.distance_slack ||
-      projection.distance > point.max_distance * options.distance_slack) {
+  const double seen_like_from = projection.distance / options.focal_ratio;
+  if (seen_like_from < point.min_distance / options.distance_slack ||
+      seen_like_from > point.max_distance * options.distance_slack) {
     return std::nullopt;
   }
   // The viewing direction in the camera's axes; points without a mean direction are taken as seen from the front.
@@ -97,7 +99,7 @@ std::optional<PointProjection> PredictPoint(const Pinhole& pinhole, const SE3& c
       return std::nullopt;
     }
   }
-  projection.octave = PredictOctave(point, projection.distance, orb);
+  projection.octave = PredictOctave(point, projection.distance, orb, options.focal_ratio);
   projection.radius_px = options.radius_factor * orb.Scale(projection.octave) *
                          (projection.viewing_cosine > kFrontalCosine ? kFrontalRadiusPx : kObliqueRadiusPx);
   return projection;

@@ -43,7 +43,10 @@ struct ProjectionOptions {
   double max_ratio = 0.9;      // best against second best of the same octave; 1: no such test
   double max_viewing_angle_deg = 60;  // between the ray and the mean direction the point was seen from
   double distance_slack = 1.25;       // beyond min_distance and max_distance of the point
-  int octave_slack = 1;               // features of octaves that differ by more from the predicted one are left out
+  // Focal length of this camera over that of the cameras that the points were seen with: a longer one sees the same
+  // octave from farther away.
+  double focal_ratio = 1.0;
+  int octave_slack = 1;  // features of octaves that differ by more from the predicted one are left out
 
   absl::Status Validate() const;
 };
@@ -64,8 +67,9 @@ std::optional<PointProjection> PredictPoint(const Pinhole& pinhole, const SE3& c
                                             const ProjectionOptions& options = {});
 
 // The octave at which a point is expected from a distance: that of its reference observation, moved by the ratio of the
-// distances; within [0, num_levels - 1].
-int PredictOctave(const map::MapPoint& point, double distance, const image::OrbParameters& orb);
+// distances (and of the focal lengths); within [0, num_levels - 1].
+int PredictOctave(const map::MapPoint& point, double distance, const image::OrbParameters& orb,
+                  double focal_ratio = 1.0);
 
 struct PointMatch {
   std::uint32_t point = 0;    // index into the points given

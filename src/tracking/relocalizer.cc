@@ -1,6 +1,7 @@
 #include "tracking/relocalizer.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <unordered_map>
@@ -13,6 +14,7 @@ namespace {
 
 using optimization::PoseObservation;
 
+constexpr int kCells = 8;             // the image in 8 x 8 cells, to see how the inliers are spread
 constexpr double kViewMargin = 0.15;  // around the image, share of its width
 
 struct Group {
@@ -33,6 +35,13 @@ struct Query {
   PoseObservation Observation(const Vector3d& point, std::uint32_t feature) const {
     const image::Keypoint& keypoint = features.keypoints[feature];
     return {point, {keypoint.x_px, keypoint.y_px}, SigmaPx(feature)};
+  }
+  std::size_t Cell(std::uint32_t feature) const {
+    const auto part = [](double x, int size) {
+      return static_cast<std::size_t>(std::clamp(static_cast<int>(x * kCells / size), 0, kCells - 1));
+    };
+    const image::Keypoint& keypoint = features.keypoints[feature];
+    return part(keypoint.y_px, pinhole.height_px) * kCells + part(keypoint.x_px, pinhole.width_px);
   }
 };
 
@@ -83,6 +92,8 @@ struct Estimate {
   Matrix6d covariance = Matrix6d::Zero();  // of camera_from_map
   std::vector<PointObservation> inliers;
   double median_depth = 0.0;
+  int cells = 0;             // of kCells x kCells in the image that have inliers
+  double focal_ratio = 1.0;  // of the query's camera to that of the group
 };
 
 std::vector<PointId> PointsOf(const std::vector<PointObservation>& observations) {
@@ -91,8 +102,9 @@ std::vector<PointId> PointsOf(const std::vector<PointObservation>& observations)
   return points;
 }
 
-ProjectionOptions GuidedProjection(const RelocalizerOptions& options, double radius_factor) {
+ProjectionOptions GuidedProjection(const RelocalizerOptions& options, double radius_factor, double focal_ratio) {
   ProjectionOptions projection;
+  projection.focal_ratio = focal_ratio;
   projection.radius_factor = radius_factor;
   projection.max_distance = options.guided_max_distance;
   projection.max_ratio = options.guided_max_ratio;
@@ -123,9 +135,9 @@ GuidedPoints PointsAround(const Query& query, const RelocalizerOptions& options,
 // One round of guided search and refinement. False if the refinement fails.
 bool GuidedRound(const Query& query, const RelocalizerOptions& options, double radius_factor,
                  const GuidedPoints& around, Estimate* estimate, RelocalizationCounts* counts) {
-  const ProjectionMatches found =
-      MatchByProjection({query.pinhole, query.features, query.grid}, estimate->camera_from_map, around.points,
-                        query.map.info().orb, GuidedProjection(options, radius_factor), {}, &around.descriptors);
+  const ProjectionMatches found = MatchByProjection(
+      {query.pinhole, query.features, query.grid}, estimate->camera_from_map, around.points, query.map.info().orb,
+      GuidedProjection(options, radius_factor, estimate->focal_ratio), {}, &around.descriptors);
   counts->guided_matches = static_cast<int>(found.matches.size());
   counts->visible = static_cast<int>(found.visible.size());
 
@@ -139,13 +151,16 @@ bool GuidedRound(const Query& query, const RelocalizerOptions& options, double r
   estimate->covariance = refined->covariance;
   estimate->inliers.clear();
   std::vector<double> depths;
+  std::array<bool, kCells * kCells> cell{};
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!refined->inlier[i]) continue;
     estimate->inliers.push_back({around.points[found.matches[i].point]->id, found.matches[i].feature});
     depths.push_back((refined->camera_from_map * observations[i].point).z());
+    cell[query.Cell(found.matches[i].feature)] = true;
   }
   std::nth_element(depths.begin(), depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2), depths.end());
   estimate->median_depth = depths[depths.size() / 2];
+  estimate->cells = static_cast<int>(std::count(cell.begin(), cell.end(), true));
   counts->inliers = static_cast<int>(estimate->inliers.size());
   return true;
 }
@@ -154,12 +169,17 @@ bool GuidedRound(const Query& query, const RelocalizerOptions& options, double r
 std::string Objection(const Estimate& estimate, const RelocalizationCounts& counts, const Matrix6d& covariance,
                       const RelocalizerOptions& options) {
   const double support = counts.visible > 0 ? static_cast<double>(counts.inliers) / counts.visible : 0.0;
-  if (counts.inliers < options.min_inliers_with_support) {
-    return absl::StrCat(counts.inliers, " inliers, at least ", options.min_inliers_with_support, " needed");
+  const bool supported = support >= options.min_support;
+  const int min_inliers = supported ? options.min_inliers_with_support : options.min_inliers;
+  const int min_cells = supported ? options.min_cells_with_support : options.min_cells;
+  if (counts.inliers < min_inliers) {
+    return absl::StrCat(counts.inliers, " inliers of ", counts.visible, " points that should be in view, at least ",
+                        min_inliers, " needed");
   }
-  if (counts.inliers < options.min_inliers && support < options.min_support) {
-    return absl::StrCat(counts.inliers, " inliers of ", counts.visible, " points that should be in view; at least ",
-                        options.min_inliers, ", or a share of ", options.min_support, ", needed");
+  if (estimate.cells < min_cells) {
+    return absl::StrCat("the inliers (", counts.inliers, " of ", counts.visible,
+                        " points that should be in view) lie in ", estimate.cells, " of ", kCells * kCells,
+                        " cells of the image, at least ", min_cells, " needed");
   }
   const double position_sigma = std::sqrt(covariance.topLeftCorner<3, 3>().trace()) / estimate.median_depth;
   if (!(position_sigma <= options.max_position_sigma)) {
@@ -212,6 +232,8 @@ absl::StatusOr<Relocalization> TryGroup(const Query& query, const Group& group, 
   }
 
   Estimate estimate;
+  const map::Keyframe& candidate = query.map.keyframe(group.keyframes[0]);
+  estimate.focal_ratio = query.pinhole.fx_px / query.map.pinhole(candidate.camera).fx_px;
   estimate.camera_from_map = solution.camera_from_map;
   for (std::size_t i = 0; i < matches.size(); ++i) {
     if (solution.inlier[i]) estimate.inliers.push_back({matches[i].point, matches[i].feature});
@@ -229,6 +251,7 @@ absl::StatusOr<Relocalization> TryGroup(const Query& query, const Group& group, 
   std::string objection = Objection(estimate, attempt.counts, estimate.covariance, options);
   attempt.camera_from_map = estimate.camera_from_map;
   attempt.covariance = covariance;
+  attempt.counts.cells = estimate.cells;
   attempt.inliers = std::move(estimate.inliers);
   attempt.reference_keyframe = ReferenceKeyframe(query.map, attempt.inliers);
   if (!objection.empty()) {
@@ -264,6 +287,10 @@ absl::Status RelocalizerOptions::Validate() const {
   }
   if (descriptors_per_point < 1) return bad("descriptors_per_point must be at least 1");
   if (min_inliers_with_support < 6) return bad("min_inliers_with_support must be at least 6");
+  if (min_cells_with_support < 1) return bad("min_cells_with_support must be at least 1");
+  if (min_cells < min_cells_with_support || min_cells > kCells * kCells) {
+    return bad("min_cells must be from min_cells_with_support to 64");
+  }
   if (min_inliers < min_inliers_with_support) return bad("min_inliers must not be below min_inliers_with_support");
   if (!(min_support >= 0.0 && min_support <= 1.0)) return bad("min_support must be in [0, 1]");
   if (!(max_position_sigma > 0.0)) return bad("max_position_sigma must be positive");
