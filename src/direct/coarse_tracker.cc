@@ -9,7 +9,8 @@ namespace {
 
 constexpr int kIterations[kMaxLevels] = {10, 20, 50, 50, 50, 50, 50, 50};
 constexpr double kInitialDamping = 0.01;
-constexpr double kSmallStep = 1e-3;
+constexpr double kSmallStep = 1e-4;         // of level 0, rad and baseline in units of the scene
+constexpr int kMaxRejected = 3;             // in a row
 constexpr double kMaxSaturatedShare = 0.6;  // beyond it the cutoff is doubled
 constexpr int kMaxCutoffDoublings = 6;
 constexpr float kFarOut = -1e6f;  // padding pixel, never inside an image
@@ -148,6 +149,7 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const I
       system = evaluate(pose, current);
     }
     double damping = kInitialDamping;
+    int rejected = 0;
     for (int iteration = 0; iteration < kIterations[level]; ++iteration) {
       Eigen::Matrix<double, 8, 8> h;
       Eigen::Matrix<double, 8, 1> b;
@@ -170,8 +172,10 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const I
       } else {
         damping = std::max(damping * 4.0, kInitialDamping);
       }
-      const double pixels = step.head<6>().norm();
-      if (pixels < kSmallStep * 0.1 || (!better && damping > 1e3)) break;
+      // A coarse level need not be more precise than its pixels.
+      const double length = step.head<6>().norm(), enough = kSmallStep * (1 << level);
+      rejected = better ? 0 : rejected + 1;
+      if (length < enough || rejected >= kMaxRejected) break;
     }
     // A level that needed a larger cutoff is judged, like the others, at the usual one.
     if (input.cutoff > cutoff_) {

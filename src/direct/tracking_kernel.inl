@@ -48,19 +48,26 @@ inline void TrackingKernelBody(const TrackingKernelInput& in, TrackingKernelSums
     const V8 nid = id * iz;
     const V8 jx = gx * in.fx, jy = gy * in.fy;
     const V8 uv = u * v;
-    const V8 j[kColumns] = {jx * nid,
-                            jy * nid,
-                            -nid * (u * jx + v * jy),
-                            -(uv * jx + (one + v * v) * jy),
-                            (one + u * u) * jx + uv * jy,
-                            u * jy - v * jx,
-                            -in.gain * color,
-                            zero - 1.0f,
-                            residual};
+    // Masked once: what a lane outside computed may not even be finite.
+    const V8 gain_color = in.gain * color;
+    const V8 columns[kColumns] = {jx * nid,
+                                  jy * nid,
+                                  -nid * (u * jx + v * jy),
+                                  -(uv * jx + (one + v * v) * jy),
+                                  (one + u * u) * jx + uv * jy,
+                                  u * jy - v * jx,
+                                  -gain_color,
+                                  zero - 1.0f,
+                                  residual};
+    V8 j[kColumns];
+#pragma GCC unroll 9
+    for (int a = 0; a < kColumns; ++a) j[a] = good ? columns[a] : zero;
     int n = 0;
+#pragma GCC unroll 9
     for (int a = 0; a < kColumns; ++a) {
-      const V8 wj = good ? weight * j[a] : zero;
-      for (int b = a; b < kColumns; ++b) products[n++] += wj * (good ? j[b] : zero);
+      const V8 wj = weight * j[a];
+#pragma GCC unroll 9
+      for (int b = a; b < kColumns; ++b) products[n++] += wj * j[b];
     }
   }
   static_assert(kProducts == 45);
