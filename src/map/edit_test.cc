@@ -1,0 +1,209 @@
+#include "map/edit.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "map/testing_map.h"
+
+namespace cairn::map {
+namespace {
+
+using testing::MakeMap;
+using testing::TestMap;
+
+std::shared_ptr<const Snapshot> Commit(const Snapshot& base, Edit& edit) {
+  const auto next = base.Apply(edit.Finish("test"));
+  EXPECT_TRUE(next.ok()) << next.status();
+  if (!next.ok()) return nullptr;
+  EXPECT_TRUE((*next)->CheckConsistency().ok()) << (*next)->CheckConsistency();
+  return *next;
+}
+
+PointId FirstPointOf(const Snapshot& map, KeyframeId keyframe) {
+  for (const PointId point : map.keyframe(keyframe).points) {
+    if (point) return point;
+  }
+  return PointId();
+}
+
+TEST(Edit, MakesAConsistentMap) {
+  const TestMap world = MakeMap(1, 6, 300);
+  ASSERT_NE(world.snapshot, nullptr);
+  EXPECT_TRUE(world.snapshot->CheckConsistency().ok()) << world.snapshot->CheckConsistency();
+  EXPECT_EQ(world.snapshot->keyframes().size(), 6u);
+  EXPECT_EQ(world.snapshot->revision(), 2u);
+  const Keyframe& first = world.snapshot->keyframe(KeyframeId(1));
+  EXPECT_FALSE(first.parent) << "the root";
+  EXPECT_FALSE(first.covisible.empty());
+  for (std::size_t i = 1; i < first.covisible.size(); ++i) {
+    EXPECT_GE(first.covisible[i - 1].shared_points, first.covisible[i].shared_points);
+  }
+}
+
+TEST(Edit, DerivesHowAPointIsSeen) {
+  const TestMap world = MakeMap(2, 4, 200);
+  world.snapshot->points().ForEach([&](const std::shared_ptr<const MapPoint>& point) {
+    EXPECT_NEAR(point->mean_view_direction.norm(), 1.0f, 1e-5f);
+    const Keyframe& reference = world.snapshot->keyframe(point->reference.keyframe);
+    const double distance = (point->position - reference.CenterInMap()).norm();
+    EXPECT_NEAR(point->max_distance, distance * 1.2, 1e-4) << "all features are of octave 1";
+    EXPECT_NEAR(point->min_distance, point->max_distance / std::pow(1.2, 7), 1e-4);
+    EXPECT_EQ(point->descriptor, reference.descriptors()[point->reference.feature]);
+  });
+}
+
+TEST(Edit, LeavesTheBaseAlone) {
+  const TestMap world = MakeMap(3, 3, 100);
+  const PointId point = FirstPointOf(*world.snapshot, KeyframeId(2));
+  const Vector3d before = world.snapshot->point(point).position;
+  Edit edit(world.snapshot);
+  edit.SetPosition(point, Vector3d(9, 9, 9));
+  edit.SetPose(KeyframeId(2), SE3());
+  edit.ErasePoint(FirstPointOf(*world.snapshot, KeyframeId(3)));
+  EXPECT_EQ(edit.FindPoint(FirstPointOf(*world.snapshot, KeyframeId(3))), nullptr);
+  EXPECT_EQ(world.snapshot->point(point).position, before);
+  EXPECT_EQ(edit.ChangedKeyframes().front(), KeyframeId(1)) << "it lost an observation";
+}
+
+TEST(Edit, RefusesSecondObservations) {
+  const TestMap world = MakeMap(4, 3, 100);
+  Edit edit(world.snapshot);
+  const Keyframe& keyframe = world.snapshot->keyframe(KeyframeId(1));
+  std::uint32_t taken = 0;
+  while (!keyframe.points[taken]) ++taken;
+  const PointId other = edit.AddPoint(Vector3d(0, 0, 4));
+  EXPECT_FALSE(edit.AddObservation(other, KeyframeId(1), taken)) << "the feature has a point";
+  EXPECT_FALSE(edit.AddObservation(keyframe.points[taken], KeyframeId(1), taken + 1)) << "observed already";
+  EXPECT_FALSE(edit.AddObservation(other, KeyframeId(1), 1000000)) << "no such feature";
+  const Delta delta = edit.Finish("nothing");
+  EXPECT_TRUE(delta.empty()) << "a point without observations is dropped";
+}
+
+TEST(Edit, RemovingObservationsErasesThePointInTheEnd) {
+  const TestMap world = MakeMap(5, 3, 100);
+  const PointId point = FirstPointOf(*world.snapshot, KeyframeId(1));
+  const std::vector<Observation> observations = world.snapshot->point(point).observations;
+  Edit edit(world.snapshot);
+  for (std::size_t i = 0; i < observations.size() && edit.FindPoint(point) != nullptr; ++i) {
+    edit.RemoveObservation(point, observations[i].keyframe);
+  }
+  EXPECT_EQ(edit.FindPoint(point), nullptr);
+  const auto next = Commit(*world.snapshot, edit);
+  ASSERT_NE(next, nullptr);
+  EXPECT_EQ(next->points().size(), world.snapshot->points().size() - 1);
+}
+
+TEST(Edit, ErasingAKeyframeKeepsTheTree) {
+  const TestMap world = MakeMap(6, 8, 400);
+  Edit edit(world.snapshot);
+  EXPECT_FALSE(edit.EraseKeyframe(KeyframeId(1))) << "the root stays";
+  EXPECT_TRUE(edit.EraseKeyframe(KeyframeId(3)));
+  EXPECT_TRUE(edit.EraseKeyframe(KeyframeId(4)));
+  const auto next = Commit(*world.snapshot, edit);
+  ASSERT_NE(next, nullptr);
+  EXPECT_EQ(next->keyframes().size(), 6u);
+  int roots = 0;
+  next->keyframes().ForEach(
+      [&](const std::shared_ptr<const Keyframe>& keyframe) { roots += keyframe->parent ? 0 : 1; });
+  EXPECT_EQ(roots, 1);
+}
+
+TEST(Edit, AKeyframeAddedHereMayGoAgain) {
+  const TestMap world = MakeMap(7, 3, 100);
+  Random random(1);
+  std::vector<std::size_t> visible;
+  Edit edit(world.snapshot);
+  const KeyframeId id = edit.AddKeyframe(testing::MakeKeyframe(world, 1, 0.0, random, &visible));
+  edit.AddObservation(FirstPointOf(*world.snapshot, KeyframeId(2)), id, 0);
+  EXPECT_TRUE(edit.EraseKeyframe(id));
+  const auto next = Commit(*world.snapshot, edit);
+  ASSERT_NE(next, nullptr);
+  EXPECT_EQ(next->keyframes().size(), 3u);
+  EXPECT_EQ(next->next_keyframe(), KeyframeId(id.value() + 1)) << "ids are never used twice";
+}
+
+TEST(Edit, FusingPointsJoinsTheirObservations) {
+  const TestMap world = MakeMap(8, 4, 200);
+  Edit edit(world.snapshot);
+  // A double of a point: take two of its observations over to a new one.
+  PointId point;
+  world.snapshot->points().ForEach([&](const std::shared_ptr<const MapPoint>& p) {
+    if (!point && p->observations.size() == 4) point = p->id;
+  });
+  ASSERT_TRUE(point);
+  const std::vector<Observation> observations = world.snapshot->point(point).observations;
+  const PointId twin = edit.AddPoint(world.snapshot->point(point).position);
+  for (int i = 0; i < 2; ++i) {
+    edit.RemoveObservation(point, observations[i].keyframe, 1);
+    EXPECT_TRUE(edit.AddObservation(twin, observations[i].keyframe, observations[i].feature));
+  }
+  edit.FusePoints(twin, point);
+  EXPECT_EQ(edit.FindPoint(twin), nullptr);
+  EXPECT_EQ(edit.point(point).observations, observations);
+  EXPECT_EQ(edit.point(point).times_visible, world.snapshot->point(point).times_visible + 1);
+  edit.FusePoints(point, point);
+  EXPECT_NE(edit.FindPoint(point), nullptr) << "with itself: nothing happens";
+  EXPECT_NE(Commit(*world.snapshot, edit), nullptr);
+}
+
+TEST(Edit, LinksALonelyKeyframeOnlyIfItIsAlone) {
+  const TestMap world = MakeMap(9, 4, 200);
+  Random random(1);
+  std::vector<std::size_t> visible;
+  Edit edit(world.snapshot);
+  const KeyframeId lonely = edit.AddKeyframe(testing::MakeKeyframe(world, 0, 0.0, random, &visible));
+  const KeyframeId linked = edit.AddKeyframe(testing::MakeKeyframe(world, 1, 0.0, random, &visible));
+  const Keyframe& twin = world.snapshot->keyframe(KeyframeId(2));  // sees the same, feature by feature
+  for (std::uint32_t i = 0; i < visible.size(); ++i) {
+    if (twin.points[i]) edit.AddObservation(twin.points[i], linked, i);
+  }
+  edit.LinkIfAlone(lonely, KeyframeId(3));
+  edit.LinkIfAlone(linked, KeyframeId(1));
+  const auto next = Commit(*world.snapshot, edit);
+  ASSERT_NE(next, nullptr);
+  EXPECT_EQ(next->keyframe(lonely).parent, KeyframeId(3));
+  EXPECT_EQ(next->keyframe(linked).parent, KeyframeId(2)) << "the one it shares most with";
+}
+
+TEST(Edit, RandomChangesKeepTheMapConsistent) {
+  TestMap world = MakeMap(10, 10, 300);
+  Random random(5);
+  std::shared_ptr<const Snapshot> map = world.snapshot;
+  for (int round = 0; round < 20; ++round) {
+    Edit edit(map);
+    for (int step = 0; step < 20; ++step) {
+      const auto keyframe = KeyframeId(static_cast<KeyframeId::Value>(1 + random.Below(10)));
+      const auto point = PointId(static_cast<PointId::Value>(1 + random.Below(map->next_point().value() - 1)));
+      const auto other = PointId(static_cast<PointId::Value>(1 + random.Below(map->next_point().value() - 1)));
+      const bool has_keyframe = edit.FindKeyframe(keyframe) != nullptr, has_point = edit.FindPoint(point) != nullptr;
+      switch (random.Below(6)) {
+        case 0:
+          if (has_keyframe && has_point) edit.RemoveObservation(point, keyframe);
+          break;
+        case 1:
+          if (has_point && edit.FindPoint(other) != nullptr) edit.FusePoints(point, other);
+          break;
+        case 2:
+          if (has_keyframe && random.Uniform() < 0.05) edit.EraseKeyframe(keyframe);
+          break;
+        case 3:
+          if (has_keyframe) edit.SetPose(keyframe, SE3(Quaterniond::Identity(), Vector3d(random.Normal(), 0, 0)));
+          break;
+        case 4:
+          if (has_point) edit.SetPosition(point, Vector3d(random.Normal(), random.Normal(), 4));
+          break;
+        default:
+          if (has_keyframe && !edit.keyframe(keyframe).points.empty()) {
+            edit.AddObservation(edit.AddPoint(Vector3d(0, 0, 4)), keyframe,
+                                static_cast<std::uint32_t>(random.Below(edit.keyframe(keyframe).points.size())));
+          }
+      }
+    }
+    map = Commit(*map, edit);
+    ASSERT_NE(map, nullptr);
+  }
+}
+
+}  // namespace
+}  // namespace cairn::map

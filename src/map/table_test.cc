@@ -1,0 +1,90 @@
+#include "map/table.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <vector>
+
+#include "base/ids.h"
+#include "base/random.h"
+
+namespace cairn::map {
+namespace {
+
+using IntTable = Table<PointId, int>;
+
+std::vector<int> Values(const IntTable& table) {
+  std::vector<int> values;
+  table.ForEach([&](const IntTable::Pointer& value) { values.push_back(*value); });
+  return values;
+}
+
+TEST(Table, FindsWhatWasSet) {
+  IntTable table;
+  EXPECT_TRUE(table.empty());
+  EXPECT_EQ(table.Find(PointId(5)), nullptr);
+  const TableEdit edit;
+  for (const PointId::Value id : {1u, 31u, 32u, 1023u, 1024u, 4000000000u}) {
+    table.Set(PointId(id), std::make_shared<const int>(static_cast<int>(id % 1000)), edit);
+  }
+  EXPECT_EQ(table.size(), 6u);
+  EXPECT_EQ(*table.Find(PointId(32)), 32);
+  EXPECT_EQ(*table.Find(PointId(4000000000u)), 0);
+  EXPECT_EQ(table.Find(PointId(33)), nullptr);
+  EXPECT_EQ(table.Find(PointId(4294967295u)), nullptr);
+  EXPECT_EQ(Values(table), (std::vector<int>{1, 31, 32, 23, 24, 0})) << "in the order of ids";
+}
+
+TEST(Table, CopiesNeverChange) {
+  IntTable first;
+  first.Set(PointId(7), std::make_shared<const int>(1), TableEdit());
+  IntTable second = first;
+  second.Set(PointId(7), std::make_shared<const int>(2), TableEdit());
+  second.Set(PointId(70), std::make_shared<const int>(3), TableEdit());
+  IntTable third = second;
+  third.Set(PointId(7), nullptr, TableEdit());
+  EXPECT_EQ(Values(first), (std::vector<int>{1}));
+  EXPECT_EQ(Values(second), (std::vector<int>{2, 3}));
+  EXPECT_EQ(Values(third), (std::vector<int>{3}));
+  EXPECT_EQ(third.size(), 1u);
+}
+
+TEST(Table, RemovingWhatIsNotThereChangesNothing) {
+  IntTable table;
+  table.Set(PointId(5), nullptr, TableEdit());
+  EXPECT_TRUE(table.empty());
+  table.Set(PointId(5), std::make_shared<const int>(1), TableEdit());
+  table.Set(PointId(500), nullptr, TableEdit());
+  EXPECT_EQ(table.size(), 1u);
+}
+
+// The same edits as on a std::map; every tenth version is kept and compared at the end.
+TEST(Table, AgreesWithAMapOverManyEdits) {
+  Random random(1);
+  IntTable table;
+  std::map<PointId::Value, int> model;
+  std::vector<std::pair<IntTable, std::map<PointId::Value, int>>> versions;
+  for (int batch = 0; batch < 100; ++batch) {
+    const TableEdit edit;
+    for (int i = 0; i < 30; ++i) {
+      const auto id = static_cast<PointId::Value>(1 + random.Below(3000));
+      if (random.Uniform() < 0.3) {
+        table.Set(PointId(id), nullptr, edit);
+        model.erase(id);
+      } else {
+        table.Set(PointId(id), std::make_shared<const int>(batch * 100 + i), edit);
+        model[id] = batch * 100 + i;
+      }
+    }
+    if (batch % 10 == 0) versions.emplace_back(table, model);
+  }
+  for (const auto& [version, expected] : versions) {
+    EXPECT_EQ(version.size(), expected.size());
+    std::vector<int> values;
+    for (const auto& [id, value] : expected) values.push_back(value);
+    EXPECT_EQ(Values(version), values);
+  }
+}
+
+}  // namespace
+}  // namespace cairn::map
