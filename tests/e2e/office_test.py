@@ -1,0 +1,159 @@
+"""A small office, rendered, mapped, aligned, relocalized and evaluated through the command line, as a user would."""
+import pathlib
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+import unittest
+
+from cairn_cli import BINARY, cairn, must
+
+
+class Office(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = pathlib.Path(tempfile.mkdtemp(prefix='cairn-e2e-'))
+        for visit, duration in ((1, 8), (2, 4)):
+            must('synth', 'office', '--seed', 3, '--session', visit, '--duration', duration, '--effects', 'noise', '--out',
+                 cls.folder / f'visit_{visit}')
+        cls.first, cls.second = cls.folder / 'visit_1', cls.folder / 'visit_2'
+        cls.map, cls.frames = cls.folder / 'office.cairn', cls.folder / 'frames.txt'
+        cls.report = must('run', cls.first, '--map', cls.map, '--trajectory', cls.frames, '--deterministic')
+        must('align', cls.map, '--groundtruth', cls.first / 'groundtruth_cam0.txt')
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.folder)
+
+    def test_every_frame_is_tracked_and_accurate(self):
+        self.assertGreaterEqual(self.report['tracked_share'], 0.95)
+        self.assertGreaterEqual(self.report['keyframes'], 4)
+        ate = must('eval', 'ate', self.frames, self.first / 'groundtruth_cam0.txt')
+        self.assertEqual(ate['associated'], self.report['frames_tracked'])
+        self.assertLess(ate['ate_m'], 0.02)
+
+    def test_the_second_visit_is_found_in_the_map(self):
+        poses = self.folder / 'poses.txt'
+        located = must('localize', self.second, '--stride', 4, '--map', self.map, '--independent', '--out', poses)
+        self.assertGreaterEqual(located['localized_share'], 0.5)
+        result = must('eval', 'localization', poses, self.second / 'groundtruth_cam0.txt')
+        self.assertEqual(result['wrong'], 0)
+        self.assertLess(result['error_m']['median'], 0.03)
+
+    def test_info_knows_the_alignment_and_the_provenance(self):
+        info = must('info', self.map)
+        self.assertEqual(info['keyframes'], self.report['keyframes'])
+        self.assertIsNotNone(info['world_from_map'])
+        self.assertEqual([s['source'] for s in info['sessions']], ['visit_1'])
+        self.assertTrue(info['sessions'][0]['complete'])
+
+    def test_two_deterministic_runs_are_identical(self):
+        again, frames = self.folder / 'again.cairn', self.folder / 'again.txt'
+        must('run', self.first, '--map', again, '--trajectory', frames, '--deterministic')
+        third = self.folder / 'third.cairn'
+        must('run', self.first, '--map', third, '--deterministic')
+        self.assertEqual(frames.read_bytes(), self.frames.read_bytes())
+        self.assertEqual(must('info', again, '--digest')['digest'], must('info', third, '--digest')['digest'])
+
+    def test_the_threaded_run_is_as_good(self):
+        frames = self.folder / 'threaded.txt'
+        report = must('run', self.first, '--map', self.folder / 'threaded.cairn', '--trajectory', frames)
+        self.assertGreaterEqual(report['tracked_share'], 0.95)
+        self.assertLess(must('eval', 'ate', frames, self.first / 'groundtruth_cam0.txt')['ate_m'], 0.02)
+
+    def test_a_map_of_stills_with_known_poses_locates_the_second_visit(self):
+        stills, poses = self.folder / 'stills.cairn', self.folder / 'stills_poses.txt'
+        must('run', self.first, '--stride', 8, '--poses', self.first / 'groundtruth_cam0.txt', '--map', stills)
+        must('localize', self.second, '--stride', 8, '--map', stills, '--independent', '--out', poses)
+        result = must('eval', 'localization', poses, self.second / 'groundtruth_cam0.txt')
+        self.assertGreater(result['answered'], 0)
+        self.assertEqual(result['wrong'], 0)
+
+    def test_pictures_are_drawn(self):
+        for name, arguments in {'map.png': ('info', self.map, '--picture'),
+                                'ate.svg': ('eval', 'ate', self.frames, self.first / 'groundtruth_cam0.txt', '--plot')}.items():
+            must(*arguments, self.folder / name)
+            start = (self.folder / name).read_bytes()[:200]
+            self.assertTrue(start.startswith(b'\x89PNG') if name.endswith('png') else b'<svg' in start)
+
+    def test_damaged_and_missing_images_are_skipped_and_counted(self):
+        damaged = self.folder / 'damaged'
+        shutil.copytree(self.first, damaged)
+        images = sorted((damaged / 'mav0' / 'cam0' / 'data').glob('*.png'))
+        images[40].unlink()
+        images[60].write_bytes(images[60].read_bytes()[:500])
+        report = must('run', damaged, '--map', self.folder / 'damaged.cairn')
+        self.assertEqual(report['frames_skipped'], 2)
+        self.assertGreaterEqual(report['tracked_share'], 0.9)
+
+    def test_a_killed_run_leaves_a_good_map(self):
+        killed = self.folder / 'killed.cairn'
+        process = subprocess.Popen([BINARY, 'run', str(self.first), '--map', str(killed), '--json'], stdout=subprocess.DEVNULL)
+        deadline = time.monotonic() + 60
+        while not killed.exists() and time.monotonic() < deadline and process.poll() is None:
+            time.sleep(0.05)
+        time.sleep(0.5)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        info = must('info', killed)
+        self.assertGreaterEqual(info['keyframes'], 1)
+
+    def test_bad_input_has_its_exit_code_and_says_what_to_do(self):
+        bad = self.folder / 'bad.cairn'
+        content = bytearray(self.map.read_bytes())
+        for at in range(len(content) // 3, len(content) // 3 + 20000):
+            content[at] ^= 0xFF
+        bad.write_bytes(content)
+        text = self.folder / 'text.cairn'
+        text.write_text('not a map\n')
+        for code, message, arguments in [
+                (1, 'exists already', ('run', self.first, '--map', self.map)),
+                (1, 'no_such_folder', ('run', self.folder / 'no_such_folder', '--map', self.folder / 'x.cairn')),
+                (1, '', ('info', self.folder / 'missing.cairn')),
+                (1, '', ('info', text)),
+                (3, '', ('info', bad)),
+                (3, '', ('localize', self.second, '--map', bad, '--independent'))]:
+            answer = cairn(*arguments)
+            self.assertEqual(answer.code, code, answer.out + answer.err)
+            self.assertIn(message, answer.json['error'])
+        self.assertFalse((self.folder / 'x.cairn').exists())
+
+    def test_images_of_another_place_are_not_located(self):
+        elsewhere = self.folder / 'elsewhere'
+        must('synth', 'office', '--seed', 99, '--duration', 1, '--out', elsewhere)
+        answer = cairn('localize', elsewhere, '--stride', 5, '--map', self.map, '--independent')
+        self.assertEqual(answer.code, 4)
+        self.assertEqual(answer.json['localized'], 0)
+        self.assertEqual(sum(answer.json['misses'].values()), answer.json['frames'])
+
+
+class TumMono(unittest.TestCase):
+    def test_a_photometrically_distorted_recording_is_mapped(self):
+        with tempfile.TemporaryDirectory(prefix='cairn-e2e-') as name:
+            folder = pathlib.Path(name)
+            must('synth', 'office', '--seed', 5, '--duration', 6, '--format', 'tum_mono', '--effects',
+                 'distortion,response,vignette,exposure,noise', '--out', folder / 'mono')
+            report = must('run', folder / 'mono', '--map', folder / 'mono.cairn', '--trajectory', folder / 'frames.txt')
+            self.assertGreaterEqual(report['tracked_share'], 0.95)
+            self.assertLess(must('eval', 'ate', folder / 'frames.txt', folder / 'mono' / 'groundtruth.txt')['ate_m'], 0.03)
+
+
+class CommandLine(unittest.TestCase):
+    def test_every_verb_has_help_with_an_example(self):
+        for verb in (['run'], ['localize'], ['info'], ['align'], ['synth'], ['eval', 'ate'], ['eval', 'rpe'], ['eval', 'loop'],
+                     ['eval', 'localization'], ['vocab', 'train'], ['vocab', 'import'], ['vocab', 'info']):
+            answer = cairn(*verb, '--help', json_output=False)
+            self.assertEqual(answer.code, 0)
+            self.assertIn('Example', answer.out, verb)
+
+    def test_usage_errors_exit_with_2(self):
+        for arguments in ([], ['no_such_verb'], ['run'], ['run', 'x', '--map', 'y', '--unknown']):
+            self.assertEqual(cairn(*arguments, json_output=False).code, 2, arguments)
+
+    def test_the_version_is_printed(self):
+        self.assertRegex(cairn('--version', json_output=False).out, r'^cairn \d+\.\d+\.\d+')
+
+
+if __name__ == '__main__':
+    unittest.main(verbosity=2)
