@@ -121,18 +121,22 @@ template <class MapView>
 DescriptorLists ObservedDescriptors(const MapView& map, std::span<const map::MapPoint* const> points,
                                     int max_per_point) {
   DescriptorLists lists;
+  std::vector<map::Observation> others;
   lists.begin.reserve(points.size() + 1);
   for (const map::MapPoint* point : points) {
     if (point != nullptr) {
       lists.descriptors.push_back(point->descriptor);
-      const auto& observations = point->observations;
-      // Every step-th of the others, so that few lists are cut short and the cut ones span all views.
-      const auto room = static_cast<std::size_t>(std::max(1, max_per_point - 1));
-      const std::size_t step = (observations.size() + room - 1) / room;
-      for (std::size_t i = 0; max_per_point > 1 && i < observations.size(); i += step) {
-        if (observations[i] == point->reference) continue;
-        const map::Keyframe* keyframe = FindKeyframe(map, observations[i].keyframe);
-        if (keyframe != nullptr) lists.descriptors.push_back(keyframe->descriptors()[observations[i].feature]);
+      // Of the others, as many as there is room for, spread evenly so that they span all views.
+      others.clear();
+      for (const map::Observation& observation : point->observations) {
+        if (observation != point->reference && FindKeyframe(map, observation.keyframe) != nullptr) {
+          others.push_back(observation);
+        }
+      }
+      const std::size_t count = std::min(others.size(), static_cast<std::size_t>(std::max(0, max_per_point - 1)));
+      for (std::size_t i = 0; i < count; ++i) {
+        const map::Observation& observation = others[i * others.size() / count];
+        lists.descriptors.push_back(FindKeyframe(map, observation.keyframe)->descriptors()[observation.feature]);
       }
     }
     lists.Close();

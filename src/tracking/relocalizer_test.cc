@@ -1,0 +1,256 @@
+#include "tracking/relocalizer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "tracking/testing_world.h"
+
+namespace cairn::tracking {
+namespace {
+
+using namespace testing_world;  // NOLINT
+
+// Two rooms with a map of 24 keyframes, made once for all tests.
+struct Scene {
+  World world;
+  std::shared_ptr<const place::Vocabulary> vocabulary;
+  std::shared_ptr<const map::Snapshot> map;
+  std::unique_ptr<PlaceDatabase> places;
+
+  static const Scene& Get() {
+    static const Scene* scene = [] {
+      auto* made = new Scene;
+      Random random(11);
+      AddRoom(Vector3d::Zero(), 2000, random, &made->world);
+      AddRoom(Vector3d(20, 0, 0), 2000, random, &made->world);
+      AddPoster(Vector3d::Zero(), 1.2, 150, random, &made->world);
+      made->vocabulary = TrainVocabulary(made->world);
+      std::vector<SE3> poses = PathInRoom(Vector3d::Zero(), 12);
+      for (const SE3& pose : PathInRoom(Vector3d(20, 0, 0), 12)) poses.push_back(pose);
+      made->map = BuildMap(made->world, poses, *made->vocabulary, {}, random);
+      made->places = std::make_unique<PlaceDatabase>(*PlaceDatabase::Build(made->vocabulary, *made->map));
+      return made;
+    }();
+    return *scene;
+  }
+  View See(const SE3& pose, std::uint64_t seed, const ViewOptions& options = {}) const {
+    Random random(seed);
+    return Observe(world, pose, map->info().orb, options, random);
+  }
+};
+
+Relocalization Locate(const Scene& scene, const image::Features& features, const RelocalizerOptions& options = {}) {
+  auto answer = Relocalizer(options).Relocalize(*scene.map, *scene.places, kPinhole, features);
+  EXPECT_TRUE(answer.ok()) << answer.status();
+  return *std::move(answer);
+}
+
+TEST(Relocalizer, FindsCamerasInBothRooms) {
+  const Scene& scene = Scene::Get();
+  for (int i = 0; i < 12; ++i) {
+    const bool second = i % 2 == 1;
+    const SE3 truth = Look(Vector3d((second ? 20.0 : 0.0) - 1.5 + 0.25 * i, 0.3, -1.7), 0.2 * std::sin(i));
+    const Relocalization answer = Locate(scene, scene.See(truth, 100 + i).features);
+    ASSERT_TRUE(answer.localized) << i << ": " << answer.reason;
+    EXPECT_EQ(answer.stage, RelocalizationStage::kDone);
+    EXPECT_LT(CenterError(answer.camera_from_map, truth), 0.02);
+    EXPECT_LT(RotationErrorDeg(answer.camera_from_map, truth), 0.3);
+    EXPECT_EQ(answer.reference_keyframe.value() > 12, second);
+    EXPECT_EQ(answer.counts.inliers, static_cast<int>(answer.inliers.size()));
+    EXPECT_GE(answer.counts.inliers, 50);
+    EXPECT_GT(answer.counts.visible, answer.counts.inliers);
+    EXPECT_GT(answer.counts.candidates, 0);
+    // The error is what the covariance says, within reason.
+    const Vector6d error = (answer.camera_from_map.Inverse() * truth).Log();
+    EXPECT_LT(error.dot(answer.covariance.ldlt().solve(error)), 60.0);
+  }
+}
+
+TEST(Relocalizer, SameInputSameAnswer) {
+  const Scene& scene = Scene::Get();
+  const View view = scene.See(Look({0.4, 0.1, -1.5}, 0.1), 5);
+  const Relocalization a = Locate(scene, view.features), b = Locate(scene, view.features);
+  ASSERT_TRUE(a.localized);
+  EXPECT_EQ(a.camera_from_map.translation(), b.camera_from_map.translation());
+  EXPECT_EQ(a.camera_from_map.rotation().coeffs(), b.camera_from_map.rotation().coeffs());
+  EXPECT_EQ(a.covariance, b.covariance);
+}
+
+TEST(Relocalizer, ACameraWithAnotherLensIsFine) {
+  const Scene& scene = Scene::Get();
+  const Pinhole other{800, 600, 750.0, 750.0, 400.0, 310.0};
+  const SE3 truth = Look({0.0, 0.0, -2.4}, 0.1);
+  Random random(8);
+  World seen = scene.world;
+  for (auto& point : seen.points) point.finest_distance *= 1.5;  // a longer lens sees detail from farther away
+  const View view = Observe(seen, truth, scene.map->info().orb, {}, random, other);
+  const auto answer = Relocalizer().Relocalize(*scene.map, *scene.places, other, view.features);
+  ASSERT_TRUE(answer.ok());
+  ASSERT_TRUE(answer->localized) << answer->reason;
+  EXPECT_LT(CenterError(answer->camera_from_map, truth), 0.02);
+}
+
+TEST(Relocalizer, SaysWhichStageFailed) {
+  const Scene& scene = Scene::Get();
+  const SE3 truth = Look({0, 0, -2}, 0.0);
+
+  const Relocalization blank = Locate(scene, {});
+  EXPECT_FALSE(blank.localized);
+  EXPECT_EQ(blank.stage, RelocalizationStage::kFeatures);
+  EXPECT_THAT(blank.reason, testing::HasSubstr("0 features"));
+
+  // Nothing but clutter: words, but no matches.
+  ViewOptions clutter;
+  clutter.detected_share = 0.0;
+  clutter.clutter = 300;
+  const Relocalization strange = Locate(scene, scene.See(truth, 1, clutter).features);
+  EXPECT_FALSE(strange.localized);
+  EXPECT_EQ(strange.stage, RelocalizationStage::kMatches) << strange.reason;
+  EXPECT_EQ(strange.counts.features, 300);
+  EXPECT_GT(strange.counts.candidates, 0);
+  EXPECT_LT(strange.counts.word_matches, 15);
+
+  // The right descriptors in the wrong places.
+  View shuffled = scene.See(truth, 2);
+  Random random(3);
+  for (auto& keypoint : shuffled.features.keypoints) {
+    keypoint.x_px = static_cast<float>(random.Uniform(0, 639));
+    keypoint.y_px = static_cast<float>(random.Uniform(0, 479));
+  }
+  const Relocalization scrambled = Locate(scene, shuffled.features);
+  EXPECT_FALSE(scrambled.localized);
+  EXPECT_EQ(scrambled.stage, RelocalizationStage::kPnp) << scrambled.reason;
+  EXPECT_GT(scrambled.counts.word_matches, 30);
+  EXPECT_LT(scrambled.counts.pnp_inliers, 10);
+
+  // Too little of the right place.
+  ViewOptions sparse;
+  sparse.detected_share = 0.05;
+  RelocalizerOptions options;
+  options.min_word_matches = 5;
+  options.pnp.min_inliers = 5;
+  const Relocalization weak = Locate(scene, scene.See(truth, 4, sparse).features, options);
+  EXPECT_FALSE(weak.localized);
+  EXPECT_EQ(weak.stage, RelocalizationStage::kRefinement) << weak.reason;
+  EXPECT_GE(weak.counts.pnp_inliers, 5);
+  EXPECT_GT(weak.counts.visible, 50);
+  EXPECT_THAT(weak.reason, testing::HasSubstr("points that should be in view"));
+}
+
+TEST(Relocalizer, AnEmptyMapHasNoCandidates) {
+  const Scene& scene = Scene::Get();
+  const auto empty = map::Snapshot::Empty(scene.map->info());
+  const auto places = PlaceDatabase::Build(scene.vocabulary, *empty);
+  ASSERT_TRUE(places.ok());
+  const auto answer = Relocalizer().Relocalize(*empty, *places, kPinhole, scene.See(Look({0, 0, -2}, 0), 1).features);
+  ASSERT_TRUE(answer.ok());
+  EXPECT_EQ(answer->stage, RelocalizationStage::kCandidates);
+  EXPECT_EQ(answer->counts.candidates, 0);
+}
+
+// A third, unmapped room holds a twin of an object of the first one: many consistent matches in one part of the image.
+TEST(Relocalizer, ATwinOfAnObjectIsNotThePlace) {
+  const Scene& scene = Scene::Get();
+  World third;
+  Random random(12);
+  AddRoom(Vector3d(0, 0, 40), 1500, random, &third);
+  for (std::size_t i = scene.world.points.size() - 150; i < scene.world.points.size(); ++i) {
+    WorldPoint twin = scene.world.points[i];
+    twin.position += Vector3d(1.0, 0.4, 40.0);
+    third.points.push_back(twin);
+  }
+  for (int i = 0; i < 5; ++i) {
+    Random noise(50 + i);
+    const View view = Observe(third, Look(Vector3d(0.3 * i, 0.2, 38.2), 0.1), scene.map->info().orb, {}, noise);
+    EXPECT_FALSE(Locate(scene, view.features).localized);
+    RelocalizerOptions options;  // the spread alone must be enough to see it
+    options.max_position_sigma = 1.0;
+    options.max_rotation_sigma_deg = 90.0;
+    const Relocalization answer = Locate(scene, view.features, options);
+    EXPECT_FALSE(answer.localized);
+    EXPECT_EQ(answer.stage, RelocalizationStage::kRefinement) << answer.reason;
+    EXPECT_GE(answer.counts.inliers, 50) << "the trap is no trap";
+    EXPECT_THAT(answer.reason, testing::HasSubstr("cells of the image"));
+  }
+}
+
+TEST(Relocalizer, ChecksItsArguments) {
+  const Scene& scene = Scene::Get();
+  const View view = scene.See(Look({0, 0, -2}, 0), 1);
+  RelocalizerOptions options;
+  EXPECT_TRUE(options.Validate().ok()) << options.Validate();
+  options.guided_radius_factors.clear();
+  EXPECT_EQ(Relocalizer(options).Relocalize(*scene.map, *scene.places, kPinhole, view.features).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(Relocalizer().Relocalize(*scene.map, *scene.places, Pinhole(), view.features).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  const auto empty = map::Snapshot::Empty(scene.map->info());
+  EXPECT_EQ(Relocalizer().Relocalize(*empty, *scene.places, kPinhole, view.features).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+}
+
+TEST(PlaceDatabase, FollowsTheMapByDeltas) {
+  const Scene& scene = Scene::Get();
+  auto places = PlaceDatabase::Build(scene.vocabulary, *map::Snapshot::Empty(scene.map->info()));
+  ASSERT_TRUE(places.ok());
+  map::Delta delta;
+  delta.base = 0;
+  scene.map->keyframes().ForEach([&](const auto& keyframe) { delta.keyframes.push_back(keyframe); });
+  ASSERT_TRUE(places->Update(delta).ok());
+  EXPECT_EQ(places->revision(), scene.map->revision());
+  EXPECT_EQ(places->size(), scene.places->size());
+  const View view = scene.See(Look({0.4, 0.1, -1.5}, 0.1), 5);
+  const auto a = Relocalizer().Relocalize(*scene.map, *places, kPinhole, view.features);
+  const auto b = Relocalizer().Relocalize(*scene.map, *scene.places, kPinhole, view.features);
+  ASSERT_TRUE(a.ok() && b.ok() && a->localized);
+  EXPECT_EQ(a->camera_from_map.translation(), b->camera_from_map.translation());
+
+  EXPECT_EQ(places->Update(delta).code(), absl::StatusCode::kFailedPrecondition);
+  map::Delta removal;
+  removal.base = places->revision();
+  removal.removed_keyframes = {KeyframeId(2)};
+  ASSERT_TRUE(places->Update(removal).ok());
+  EXPECT_EQ(places->size(), scene.places->size() - 1);
+  EXPECT_TRUE(places->NodesOf(KeyframeId(2)).empty());
+  EXPECT_FALSE(places->NodesOf(KeyframeId(3)).empty());
+}
+
+TEST(PlaceDatabase, RejectsAnotherVocabulary) {
+  const Scene& scene = Scene::Get();
+  World other;
+  Random random(99);
+  AddRoom(Vector3d::Zero(), 300, random, &other);
+  EXPECT_EQ(PlaceDatabase::Build(TrainVocabulary(other), *scene.map).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(PlaceDatabase::Build(nullptr, *scene.map).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(PlaceDatabase::Build(scene.vocabulary, *scene.map, 50).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(GroupMatcher, MatchesAreRightAndUnique) {
+  const Scene& scene = Scene::Get();
+  const View view = scene.See(Look({0.4, 0.1, -1.5}, 0.1), 5);
+  const auto words = scene.places->Transform(view.features.descriptors);
+  const std::vector<KeyframeId> group = {KeyframeId(6), KeyframeId(7), KeyframeId(8), KeyframeId(12345)};
+  const auto matches = MatchGroup(*scene.map, *scene.places, group, view.features, words.nodes);
+  ASSERT_GT(matches.size(), 40u);
+  std::set<std::uint32_t> features;
+  std::set<PointId> points;
+  int right = 0;
+  for (const GroupMatch& match : matches) {
+    EXPECT_TRUE(features.insert(match.feature).second);
+    EXPECT_TRUE(points.insert(match.point).second);
+    const std::int32_t i = view.point_of_feature[match.feature];
+    right +=
+        i >= 0 && scene.world.points[static_cast<std::size_t>(i)].position == scene.map->point(match.point).position;
+  }
+  EXPECT_GT(right, static_cast<int>(matches.size()) * 95 / 100);
+  EXPECT_TRUE(std::is_sorted(matches.begin(), matches.end(), [](auto& a, auto& b) { return a.ratio < b.ratio; }));
+  GroupMatchOptions bad;
+  bad.max_ratio = 2;
+  EXPECT_FALSE(bad.Validate().ok());
+}
+
+}  // namespace
+}  // namespace cairn::tracking
