@@ -401,5 +401,28 @@ TEST(MapFaults, ReadersSeeWholeRevisionsWhileAWriterWorks) {
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
 }
 
+TEST(MapFaults, ReplacingAMapDoesNotDisturbItsReaders) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  const SnapshotPtr old_map = MakeMap(path, 14, 3);
+  auto reader = *MapFile::OpenReadOnly(path);
+  auto file = *MapFile::Create(path, TestInfo(), {.overwrite = true});
+  MapGrower grower(15);
+  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+  const auto change = [&](const map::Delta& delta) {
+    map = *map->Apply(delta);
+    ASSERT_TRUE(file->Commit(delta).ok());
+  };
+  change(grower.Start(map));
+  EXPECT_TRUE(testing::SameBits(**reader->LoadSnapshot(), *old_map));
+  change(grower.AddKeyframe(map));
+  reader.reset();  // must not tidy up what belongs to the new map
+  change(grower.AddKeyframe(map));
+  EXPECT_TRUE(testing::SameBits(**(*MapFile::OpenReadOnly(path))->LoadSnapshot(), *map));
+  ASSERT_TRUE(file->Close().ok());
+  EXPECT_TRUE(testing::SameBits(**(*MapFile::OpenReadOnly(path))->LoadSnapshot(), *map));
+  EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
+}
+
 }  // namespace
 }  // namespace cairn::store
