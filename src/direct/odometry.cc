@@ -146,8 +146,8 @@ std::vector<KeyframePacket> Odometry::Impl::TakePackets() {
 
 absl::StatusOr<KeyframePacket> Odometry::Impl::PacketOf(std::int64_t keyframe) const {
   std::lock_guard lock(mutex_);
-  for (const KeyframePacket& packet : active_packets_) {
-    if (packet.keyframe == keyframe) return packet;
+  for (int k = 0; k < window_.size(); ++k) {
+    if (window_.keyframe(k).id == keyframe) return MakePacket(window_.keyframe(k), true);
   }
   return absl::NotFoundError(absl::StrFormat("direct keyframe %d is not in the window", keyframe));
 }

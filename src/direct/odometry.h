@@ -78,7 +78,7 @@ class Odometry {
 
   // Packets of the keyframes that left the window since the last call, in the order of leaving.
   std::vector<KeyframePacket> TakePackets();
-  // The packet of a keyframe that is still in the window; NotFound otherwise.
+  // The packet of a keyframe that is still in the window; NotFound otherwise. Not at the same time as MapNext().
   absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
   // Ends the run: the keyframes still in the window become packets (with still_active false). Only reading calls after
   // it.

@@ -122,7 +122,6 @@ class Odometry::Impl {
   std::vector<KeyframePose> keyframes_;
   std::vector<std::shared_ptr<const TrackingReference>> references_;  // newest last
   std::deque<KeyframePacket> packets_;
-  std::vector<KeyframePacket> active_packets_;  // of the keyframes in the window, as of the last keyframe
   OdometryStatistics statistics_;
   std::string start_message_ = "waiting for the first frame";
   std::vector<std::shared_ptr<FrameData>> pool_;

@@ -288,9 +288,6 @@ void Odometry::Impl::Marginalize(const std::vector<bool>& goes) {
     }
     window_.MarginalizeKeyframe(k);
   }
-  std::lock_guard lock(mutex_);
-  active_packets_.clear();
-  for (int k = 0; k < window_.size(); ++k) active_packets_.push_back(MakePacket(window_.keyframe(k), true));
 }
 
 void Odometry::Impl::FlushWindow() {
@@ -300,7 +297,6 @@ void Odometry::Impl::FlushWindow() {
       packets_.push_back(MakePacket(window_.keyframe(k), false));
       keyframes_[static_cast<std::size_t>(window_.keyframe(k).id)].still_active = false;
     }
-    active_packets_.clear();
     references_.clear();
   }
   if (!window_.empty()) ++segment_;

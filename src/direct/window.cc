@@ -261,6 +261,12 @@ Eigen::MatrixXd Window::GaugeBasis() const {
   return basis;
 }
 
+Eigen::MatrixXd Window::GaugeTerm() const {
+  const Eigen::MatrixXd basis = GaugeBasis();
+  const Eigen::VectorXd diagonal = system().h.diagonal();
+  return (diagonal.head(std::min<Eigen::Index>(6, diagonal.size())).mean() + 1.0) * basis * basis.transpose();
+}
+
 bool Window::SolveStep(double damping, Eigen::VectorXd* step, std::vector<double>* depth_steps) {
   System& s = system();
   const Eigen::Index unknowns = s.h.rows();
@@ -278,9 +284,7 @@ bool Window::SolveStep(double damping, Eigen::VectorXd* step, std::vector<double
   h.triangularView<Eigen::StrictlyUpper>() = h.transpose();
   // Unit diagonal for conditioning; the gauge directions get a weight of that order.
   const Eigen::VectorXd scale = (s.h.diagonal().array() + 10.0).sqrt().inverse();
-  const Eigen::MatrixXd gauge = GaugeBasis();
-  const double gauge_weight = s.h.diagonal().head(std::min<Eigen::Index>(6, unknowns)).mean() + 1.0;
-  h.noalias() += gauge_weight * gauge * gauge.transpose();
+  h += GaugeTerm();
   h = scale.asDiagonal() * h * scale.asDiagonal();
   const Eigen::VectorXd scaled_b = scale.cwiseProduct(b);
   const Eigen::LDLT<Eigen::MatrixXd> ldlt(h);

@@ -68,6 +68,7 @@ class Window {
   struct DenseSystem {
     Eigen::MatrixXd h;
     Eigen::VectorXd b;
+    Eigen::MatrixXd gauge;  // what a step's system adds to the keyframes' block
     double energy = 0.0;
   };
   DenseSystem Linearize();
@@ -105,6 +106,7 @@ class Window {
   void AddPriors(Eigen::MatrixXd* h, Eigen::VectorXd* b) const;
   bool SolveStep(double damping, Eigen::VectorXd* step, std::vector<double>* depth_steps);
   Eigen::MatrixXd GaugeBasis() const;
+  Eigen::MatrixXd GaugeTerm() const;  // of the linearized system
   void ApplyStep(const Eigen::VectorXd& step, const std::vector<double>& depth_steps);
   void Relinearize();
   void UpdateEnergyLimits();
@@ -130,6 +132,7 @@ class Window {
   System systems_[2];
   int current_system_ = 0;
   System& system() { return systems_[current_system_]; }
+  const System& system() const { return systems_[current_system_]; }
   Eigen::MatrixXd scaled_rows_;
   std::vector<float> energies_;
 };

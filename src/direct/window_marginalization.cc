@@ -138,6 +138,7 @@ Window::DenseSystem Window::Linearize() {
   const Eigen::Index unknowns = s.h.rows(), count = static_cast<Eigen::Index>(points_.size());
   dense.h = Eigen::MatrixXd::Zero(unknowns + count, unknowns + count);
   dense.b = Eigen::VectorXd::Zero(unknowns + count);
+  dense.gauge = GaugeTerm();
   dense.h.topLeftCorner(unknowns, unknowns) = s.h;
   dense.h.topRightCorner(unknowns, count) = s.rows;
   dense.h.bottomLeftCorner(count, unknowns) = s.rows.transpose();
