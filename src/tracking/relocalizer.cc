@@ -36,12 +36,11 @@ struct Query {
     const image::Keypoint& keypoint = features.keypoints[feature];
     return {point, {keypoint.x_px, keypoint.y_px}, SigmaPx(feature)};
   }
-  std::size_t Cell(std::uint32_t feature) const {
+  std::size_t Cell(const Vector2d& pixel) const {
     const auto part = [](double x, int size) {
       return static_cast<std::size_t>(std::clamp(static_cast<int>(x * kCells / size), 0, kCells - 1));
     };
-    const image::Keypoint& keypoint = features.keypoints[feature];
-    return part(keypoint.y_px, pinhole.height_px) * kCells + part(keypoint.x_px, pinhole.width_px);
+    return part(pixel.y(), pinhole.height_px) * kCells + part(pixel.x(), pinhole.width_px);
   }
 };
 
@@ -92,7 +91,6 @@ struct Estimate {
   Matrix6d covariance = Matrix6d::Zero();  // of camera_from_map
   std::vector<PointObservation> inliers;
   double median_depth = 0.0;
-  int cells = 0;             // of kCells x kCells in the image that have inliers
   double focal_ratio = 1.0;  // of the query's camera to that of the group
 };
 
@@ -151,16 +149,21 @@ bool GuidedRound(const Query& query, const RelocalizerOptions& options, double r
   estimate->covariance = refined->covariance;
   estimate->inliers.clear();
   std::vector<double> depths;
-  std::array<bool, kCells * kCells> cell{};
+  std::array<bool, kCells * kCells> cell{}, visible_cell{};
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!refined->inlier[i]) continue;
     estimate->inliers.push_back({around.points[found.matches[i].point]->id, found.matches[i].feature});
     depths.push_back((refined->camera_from_map * observations[i].point).z());
-    cell[query.Cell(found.matches[i].feature)] = true;
+    cell[query.Cell(observations[i].pixel)] = true;
   }
   std::nth_element(depths.begin(), depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2), depths.end());
   estimate->median_depth = depths[depths.size() / 2];
-  estimate->cells = static_cast<int>(std::count(cell.begin(), cell.end(), true));
+  for (const std::uint32_t i : found.visible) {
+    const Vector3d point_c = estimate->camera_from_map * around.points[i]->position;
+    if (optimization::InFront(point_c)) visible_cell[query.Cell(query.pinhole.Project(point_c))] = true;
+  }
+  counts->cells = static_cast<int>(std::count(cell.begin(), cell.end(), true));
+  counts->visible_cells = static_cast<int>(std::count(visible_cell.begin(), visible_cell.end(), true));
   counts->inliers = static_cast<int>(estimate->inliers.size());
   return true;
 }
@@ -168,18 +171,17 @@ bool GuidedRound(const Query& query, const RelocalizerOptions& options, double r
 // Empty if the evidence is enough, else what is missing.
 std::string Objection(const Estimate& estimate, const RelocalizationCounts& counts, const Matrix6d& covariance,
                       const RelocalizerOptions& options) {
-  const double support = counts.visible > 0 ? static_cast<double>(counts.inliers) / counts.visible : 0.0;
-  const bool supported = support >= options.min_support;
+  // By cells and not by points: a crowd of points on one object must not pass for the whole view.
+  const bool supported = counts.cells >= options.min_support * counts.visible_cells;
   const int min_inliers = supported ? options.min_inliers_with_support : options.min_inliers;
   const int min_cells = supported ? options.min_cells_with_support : options.min_cells;
   if (counts.inliers < min_inliers) {
     return absl::StrCat(counts.inliers, " inliers of ", counts.visible, " points that should be in view, at least ",
                         min_inliers, " needed");
   }
-  if (estimate.cells < min_cells) {
-    return absl::StrCat("the inliers (", counts.inliers, " of ", counts.visible,
-                        " points that should be in view) lie in ", estimate.cells, " of ", kCells * kCells,
-                        " cells of the image, at least ", min_cells, " needed");
+  if (counts.cells < min_cells) {
+    return absl::StrCat(counts.inliers, " inliers lie in ", counts.cells, " of the ", counts.visible_cells,
+                        " cells of the image that should show points of the map, at least ", min_cells, " needed");
   }
   const double position_sigma = std::sqrt(covariance.topLeftCorner<3, 3>().trace()) / estimate.median_depth;
   if (!(position_sigma <= options.max_position_sigma)) {
@@ -251,7 +253,6 @@ absl::StatusOr<Relocalization> TryGroup(const Query& query, const Group& group, 
   std::string objection = Objection(estimate, attempt.counts, estimate.covariance, options);
   attempt.camera_from_map = estimate.camera_from_map;
   attempt.covariance = covariance;
-  attempt.counts.cells = estimate.cells;
   attempt.inliers = std::move(estimate.inliers);
   attempt.reference_keyframe = ReferenceKeyframe(query.map, attempt.inliers);
   if (!objection.empty()) {

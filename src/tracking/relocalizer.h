@@ -46,10 +46,10 @@ struct RelocalizerOptions {
   LocalMapOptions local_map{.max_keyframes = 40, .neighbours_per_keyframe = 5, .tree_neighbours = true};
 
   // Acceptance. A pose needs inliers, spread over the image: an object that moved, or has a twin elsewhere, gives many
-  // inliers in one place. Less is enough of both if the inliers are a good share of the points that should be in view.
+  // inliers in one place. Less of both is enough if the inliers are nearly everywhere where points should be in view.
   int min_inliers = 50;
-  int min_cells = 16;         // of 8 x 8 in the image that must hold inliers
-  double min_support = 0.25;  // inliers per visible point from which on the next two apply instead
+  int min_cells = 16;        // of 8 x 8 in the image that must hold inliers
+  double min_support = 0.4;  // of the cells with visible points that hold inliers; from here on the next two apply
   int min_inliers_with_support = 25;
   int min_cells_with_support = 8;
   double max_position_sigma = 0.02;  // standard deviation of the position, as share of the median depth of the inliers
@@ -68,8 +68,9 @@ struct RelocalizationCounts {
   int pnp_inliers = 0;
   int guided_matches = 0;  // in the last round
   int inliers = 0;         // after refinement
-  int cells = 0;           // of 8 x 8 in the image that hold inliers
   int visible = 0;         // points of the local map that should be in view
+  int cells = 0;           // of 8 x 8 in the image that hold inliers
+  int visible_cells = 0;   // likewise, visible points
 };
 
 struct PointObservation {

@@ -127,7 +127,7 @@ TEST(Relocalizer, SaysWhichStageFailed) {
 
   // Too little of the right place.
   ViewOptions sparse;
-  sparse.detected_share = 0.05;
+  sparse.detected_share = 0.03;
   RelocalizerOptions options;
   options.min_word_matches = 5;
   options.pnp.min_inliers = 5;
