@@ -17,7 +17,7 @@ struct OdometryOptions {
   int min_keyframes = 5;        // never marginalize below, except for lack of visible points
   int max_active_points = 800;  // in the window
   int candidates_per_keyframe = 800;
-  int max_iterations = 4;  // Gauss-Newton steps per keyframe
+  int max_iterations = 6;  // Gauss-Newton steps per keyframe
 
   // Photometric model, in gray levels of [0, 255].
   double huber_gray = 9.0;
@@ -38,7 +38,7 @@ struct OdometryOptions {
   double min_marginalization_hessian = 50.0;
 
   // Keyframe decision (DSO Sec. 3.1: weighted optical flow with and without rotation, brightness change).
-  double keyframe_weight = 0.5;             // scales the flow terms: larger makes more keyframes
+  double keyframe_weight = 0.3;             // scales the flow terms: larger makes more keyframes
   double keyframe_flow_weight = 0.04;       // per pixel of (640 + 480)-normalized translational flow
   double keyframe_full_flow_weight = 0.02;  // the same of the full flow
   double keyframe_affine_weight = 2.0;      // per unit of |log gain|
