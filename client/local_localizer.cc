@@ -1,0 +1,139 @@
+#include "client/local_localizer.h"
+
+#include <algorithm>
+#include <chrono>
+
+namespace cairn::client {
+namespace {
+
+constexpr std::size_t kKeptUndistorters = 4;
+
+using Clock = std::chrono::steady_clock;
+
+double MillisecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+api::LocalizeStage ToApi(tracking::RelocalizationStage stage) {
+  switch (stage) {
+    case tracking::RelocalizationStage::kFeatures:
+      return api::LocalizeStage::kFeatures;
+    case tracking::RelocalizationStage::kCandidates:
+      return api::LocalizeStage::kCandidates;
+    case tracking::RelocalizationStage::kMatches:
+      return api::LocalizeStage::kMatches;
+    case tracking::RelocalizationStage::kPnp:
+      return api::LocalizeStage::kPnp;
+    case tracking::RelocalizationStage::kRefinement:
+      return api::LocalizeStage::kRefinement;
+    case tracking::RelocalizationStage::kDone:
+      return api::LocalizeStage::kDone;
+  }
+  return api::LocalizeStage::kFeatures;
+}
+
+absl::Status CheckQuery(const api::LocalizeQuery& query) {
+  if (query.image.empty() || query.image.type() != CV_8UC1) {
+    return absl::InvalidArgumentError("localize: the image must be 8-bit grey (CV_8UC1) and not empty");
+  }
+  CAIRN_RETURN_IF_ERROR(Annotate(query.camera.Validate(), "localize"));
+  if (query.image.cols != query.camera.width_px || query.image.rows != query.camera.height_px) {
+    return absl::InvalidArgumentError(absl::StrCat("localize: the image has ", query.image.cols, "x", query.image.rows,
+                                                   " pixels, its camera ", query.camera.width_px, "x",
+                                                   query.camera.height_px));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status LocalLocalizerOptions::Validate() const {
+  if (num_features < 0) return absl::InvalidArgumentError("localizer: num_features must not be negative");
+  return relocalizer.Validate();
+}
+
+absl::StatusOr<std::unique_ptr<LocalLocalizer>> LocalLocalizer::Open(const std::string& path,
+                                                                     const LocalLocalizerOptions& options) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  auto localizer = std::unique_ptr<LocalLocalizer>(new LocalLocalizer(options));
+  CAIRN_ASSIGN_OR_RETURN(localizer->file_, store::MapFile::OpenReadOnly(path));
+  const absl::StatusOr<std::string> bytes = localizer->file_->LoadVocabulary();
+  if (absl::IsNotFound(bytes.status())) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, ": the map has no vocabulary, so that no place can be found in it"));
+  }
+  CAIRN_RETURN_IF_ERROR(bytes.status());
+  absl::StatusOr<place::Vocabulary> vocabulary = place::Vocabulary::Parse(*bytes);
+  CAIRN_RETURN_IF_ERROR(Annotate(vocabulary.status(), absl::StrCat(path, ": vocabulary")));
+  localizer->vocabulary_ = std::make_shared<const place::Vocabulary>(*std::move(vocabulary));
+  CAIRN_RETURN_IF_ERROR(localizer->Load());
+  return localizer;
+}
+
+absl::Status LocalLocalizer::Load() {
+  CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot());
+  auto places = tracking::PlaceDatabase::Build(vocabulary_, *snapshot);
+  CAIRN_RETURN_IF_ERROR(Annotate(places.status(), file_->path()));
+  snapshot_ = std::move(snapshot);
+  places_ = std::make_unique<tracking::PlaceDatabase>(*std::move(places));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<bool> LocalLocalizer::Refresh() {
+  CAIRN_ASSIGN_OR_RETURN(const Revision newest, file_->ReadRevision());
+  if (newest == snapshot_->revision()) return false;
+  CAIRN_RETURN_IF_ERROR(Load());
+  return true;
+}
+
+absl::StatusOr<std::shared_ptr<const image::Undistorter>> LocalLocalizer::UndistorterFor(const Camera& camera) {
+  const std::lock_guard lock(mutex_);
+  const auto known = std::find_if(undistorters_.begin(), undistorters_.end(),
+                                  [&](const auto& undistorter) { return undistorter->camera() == camera; });
+  if (known != undistorters_.end()) {
+    std::rotate(undistorters_.begin(), known, known + 1);
+  } else {
+    CAIRN_ASSIGN_OR_RETURN(image::Undistorter made, image::Undistorter::Create(camera));
+    undistorters_.insert(undistorters_.begin(), std::make_shared<const image::Undistorter>(std::move(made)));
+    if (undistorters_.size() > kKeptUndistorters) undistorters_.pop_back();
+  }
+  return undistorters_.front();
+}
+
+void LocalLocalizer::FillPose(const tracking::Relocalization& found, api::LocalizeAnswer* answer) const {
+  answer->map_from_camera = found.camera_from_map.Inverse();
+  answer->covariance = found.covariance;
+  answer->reference_keyframe = found.reference_keyframe;
+  const auto& world_from_map = snapshot_->info().world_from_map;
+  answer->world_from_camera =
+      world_from_map ? world_from_map->TransformPose(answer->map_from_camera) : answer->map_from_camera;
+}
+
+absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::LocalizeQuery& query) {
+  CAIRN_RETURN_IF_ERROR(CheckQuery(query));
+  api::LocalizeAnswer answer;
+  answer.map_id = snapshot_->info().id;
+  answer.revision = snapshot_->revision();
+  answer.world_is_metric = snapshot_->info().world_from_map.has_value();
+
+  const auto start = Clock::now();
+  CAIRN_ASSIGN_OR_RETURN(const auto undistorter, UndistorterFor(query.camera));
+  CAIRN_ASSIGN_OR_RETURN(const cv::Mat image, undistorter->Undistort(query.image));
+  const image::OrbExtractor extractor(snapshot_->info().orb);
+  CAIRN_ASSIGN_OR_RETURN(const image::Features features, extractor.Extract(image, options_.num_features));
+  answer.extract_ms = MillisecondsSince(start);
+
+  const auto extracted = Clock::now();
+  CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
+                         relocalizer_.Relocalize(*snapshot_, *places_, undistorter->pinhole(), features));
+  answer.locate_ms = MillisecondsSince(extracted);
+  answer.localized = found.localized;
+  answer.stage = ToApi(found.stage);
+  answer.reason = found.reason;
+  answer.counts = {found.counts.features,    found.counts.candidates,     found.counts.word_matches,
+                   found.counts.pnp_inliers, found.counts.guided_matches, found.counts.inliers};
+  if (found.localized) FillPose(found, &answer);
+  return answer;
+}
+
+}  // namespace cairn::client

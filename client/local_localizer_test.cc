@@ -1,0 +1,83 @@
+#include "client/local_localizer.h"
+
+#include <thread>
+
+#include "client/conformance/localizer_conformance.h"
+
+namespace cairn::conformance {
+namespace {
+
+absl::StatusOr<std::unique_ptr<api::Localizer>> OpenLocal(const std::string& path) {
+  return client::LocalLocalizer::Open(path);
+}
+
+INSTANTIATE_TEST_SUITE_P(Local, LocalizerConformance, testing::Values(LocalizerFactory(&OpenLocal)));
+
+class LocalLocalizer : public testing::Test {
+ protected:
+  void TearDown() override { std::remove(path_.c_str()); }
+  const std::string path_ = testing::TempDir() + "/local_localizer_test_" + std::to_string(getpid()) + ".cairn";
+};
+
+TEST_F(LocalLocalizer, RefreshFollowsAWriter) {
+  std::remove(path_.c_str());
+  const ConformanceMap& map = TheConformanceMap();
+  store::CreateOptions options;
+  options.vocabulary = map.vocabulary;
+  const auto writer = store::MapFile::Create(path_, map.snapshot->info(), options);
+  ASSERT_TRUE(writer.ok()) << writer.status();
+  const auto localizer = client::LocalLocalizer::Open(path_);
+  ASSERT_TRUE(localizer.ok()) << localizer.status();
+  const SE3 truth = LookInRoom({0.2, 0.0, -1.4}, 0.05);
+  const api::LocalizeQuery query{map.room.Render(map.pinhole, truth), Camera::FromPinhole(map.pinhole), 0};
+
+  const auto before = (*localizer)->Localize(query);
+  ASSERT_TRUE(before.ok());
+  EXPECT_EQ(before->stage, api::LocalizeStage::kCandidates) << "the map is still empty";
+  EXPECT_FALSE(*(*localizer)->Refresh());
+
+  ASSERT_TRUE((*writer)->Commit(map.delta).ok());
+  const auto fresh = (*localizer)->Refresh();
+  ASSERT_TRUE(fresh.ok()) << fresh.status();
+  EXPECT_TRUE(*fresh);
+  const auto after = (*localizer)->Localize(query);
+  ASSERT_TRUE(after.ok());
+  EXPECT_TRUE(after->localized) << after->reason;
+  EXPECT_EQ(after->revision, 1u);
+}
+
+TEST_F(LocalLocalizer, SeveralThreadsGetTheSameAnswer) {
+  std::remove(path_.c_str());
+  ASSERT_TRUE(WriteConformanceMap(path_).ok());
+  const auto localizer = client::LocalLocalizer::Open(path_);
+  ASSERT_TRUE(localizer.ok());
+  const ConformanceMap& map = TheConformanceMap();
+  const api::LocalizeQuery query{map.room.Render(map.pinhole, LookInRoom({0.2, 0.0, -1.4}, 0.05)),
+                                 Camera::FromPinhole(map.pinhole), 0};
+  std::vector<absl::StatusOr<api::LocalizeAnswer>> answers(3, absl::UnknownError("not run"));
+  std::vector<std::thread> threads;
+  for (auto& answer : answers) threads.emplace_back([&] { answer = (*localizer)->Localize(query); });
+  for (auto& thread : threads) thread.join();
+  for (const auto& answer : answers) {
+    ASSERT_TRUE(answer.ok() && answer->localized);
+    EXPECT_EQ(answer->map_from_camera.translation(), answers[0]->map_from_camera.translation());
+  }
+}
+
+TEST_F(LocalLocalizer, ErrorsOfTheFileAndOfOptions) {
+  EXPECT_EQ(client::LocalLocalizer::Open(testing::TempDir() + "/no_such_map.cairn").status().code(),
+            absl::StatusCode::kNotFound);
+  std::remove(path_.c_str());
+  map::MapInfo info = TheConformanceMap().snapshot->info();
+  info.vocabulary_hash = 0;
+  ASSERT_TRUE(store::MapFile::Create(path_, info).ok());
+  const auto without = client::LocalLocalizer::Open(path_).status();
+  EXPECT_EQ(without.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(without.message()), testing::HasSubstr("no vocabulary"));
+  client::LocalLocalizerOptions options;
+  options.num_features = -1;
+  EXPECT_EQ(client::LocalLocalizer::Open(path_, options).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+}  // namespace
+}  // namespace cairn::conformance
