@@ -142,7 +142,7 @@ std::vector<bool> Odometry::Impl::ChooseMarginalized() const {
     }
     const bool unseen = visible < options_.min_visible_share * all || all == 0;
     const bool light = std::abs(newest.light.a - keyframe.light.a) > options_.max_affine_change;
-    if ((unseen || light) && left > 3) {
+    if ((unseen || light) && left > options_.min_keyframes) {
       goes[k] = true;
       --left;
     }

@@ -14,10 +14,10 @@ struct OdometryOptions {
 
   // Window.
   int max_keyframes = 7;        // in the optimization window
-  int min_keyframes = 5;        // never marginalize below, except for lack of visible points
+  int min_keyframes = 3;        // never fewer, whatever they still see
   int max_active_points = 800;  // in the window
   int candidates_per_keyframe = 800;
-  int max_iterations = 6;  // Gauss-Newton steps per keyframe
+  int max_iterations = 4;  // Gauss-Newton steps per keyframe
 
   // Photometric model, in gray levels of [0, 255].
   double huber_gray = 9.0;
@@ -48,9 +48,8 @@ struct OdometryOptions {
 
   // Tracking.
   double coarse_cutoff_gray = 20.0;
-  double lost_residual_gray = 30.0;  // root mean square residual (clamped at the cutoff per pixel) that is hopeless
-  double min_tracked_share = 0.25;   // of reference points inside the image and below the cutoff
-  int max_lost_frames = 30;          // after as many frames a new segment starts
+  double min_tracked_share = 0.25;  // of reference points inside the image and below the cutoff
+  int max_lost_frames = 30;         // after as many frames a new segment starts
 
   // Start.
   int start_features = 500;
@@ -58,7 +57,7 @@ struct OdometryOptions {
   double start_max_reprojection_px = 1.0;  // root mean square after bundle adjustment, at full resolution
   double start_min_inlier_share = 0.7;
   int start_min_features = 60;
-  int max_retained_frames = 150;  // images kept to be tracked once the start succeeds
+  int max_retained_frames = 100;  // images kept to be tracked once the start succeeds
 
   absl::Status Validate() const;
 };

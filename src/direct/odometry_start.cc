@@ -55,6 +55,8 @@ void Odometry::Impl::AddToStart(const Job& job) {
   start_.Reset();
   std::lock_guard lock(mutex_);
   mode_ = Mode::kTracking;
+  // The start needed many pyramids at once, tracking needs few.
+  std::erase_if(pool_, [](const std::shared_ptr<FrameData>& data) { return data.use_count() == 1; });
   start_message_.clear();
   ++statistics_.segments;
 }

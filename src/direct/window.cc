@@ -34,6 +34,9 @@ Keyframe& Window::AddKeyframe(std::unique_ptr<Keyframe> keyframe) {
   keyframe->linear_camera_from_direct = keyframe->camera_from_direct;
   keyframe->linear_light = keyframe->light;
   keyframe->delta.setZero();
+  const auto prior = [](double sigma) { return sigma > 0.0 ? 1.0 / (sigma * sigma) : 0.0; };
+  keyframe->own_prior[6] = std::max(keyframe->own_prior[6], prior(options_.affine_a_sigma));
+  keyframe->own_prior[7] = std::max(keyframe->own_prior[7], prior(options_.affine_b_sigma_gray));
   keyframe->energy_limit = static_cast<float>(kPatternSize * options_.outlier_gray * options_.outlier_gray);
   keyframes_.push_back(std::move(keyframe));
   const int n = kFrameUnknowns * size();
