@@ -1,5 +1,6 @@
 #include "optimization/bundle_adjustment.h"
 
+#include <ceres/iteration_callback.h>
 #include <ceres/loss_function.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
@@ -55,6 +56,17 @@ absl::Status Check(const BundleProblem& problem) {
   return absl::OkStatus();
 }
 
+class StopCallback final : public ceres::IterationCallback {
+ public:
+  explicit StopCallback(const std::atomic<bool>* stop) : stop_(stop) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    return stop_->load(std::memory_order_relaxed) ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  const std::atomic<bool>* stop_;
+};
+
 class Adjuster {
  public:
   Adjuster(const BundleProblem& problem, const BundleAdjustmentOptions& options)
@@ -70,11 +82,12 @@ class Adjuster {
     DropLonePoints();
     CAIRN_RETURN_IF_ERROR(Round(true, options_.first_iterations, &result));
     Classify();
-    if (options_.second_iterations > 0) {
+    if (options_.second_iterations > 0 && !Stopped()) {
       DropLonePoints();
       CAIRN_RETURN_IF_ERROR(Round(false, options_.second_iterations, &result));
       Classify();
     }
+    result.interrupted = Stopped();
     double chi2 = 0.0;
     for (std::size_t i = 0; i < inlier_.size(); ++i) {
       if (!inlier_[i]) continue;
@@ -90,6 +103,8 @@ class Adjuster {
   }
 
  private:
+  bool Stopped() const { return options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed); }
+
   // Of the whitened residual; infinite behind the camera.
   double ChiSquare(std::size_t index) const {
     const BundleObservation& o = problem_.observations[index];
@@ -170,6 +185,8 @@ class Adjuster {
     solver.function_tolerance = options_.function_tolerance;
     solver.num_threads = 1;
     solver.logging_type = ceres::SILENT;
+    StopCallback stop(options_.stop);
+    if (options_.stop != nullptr) solver.callbacks.push_back(&stop);
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem, &summary);
     if (!summary.IsSolutionUsable()) {

@@ -7,6 +7,7 @@
 // threshold, or behind their camera, are dropped and the rest is adjusted without it.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <vector>
 
@@ -53,6 +54,9 @@ struct BundleAdjustmentOptions {
   double huber_threshold = 2.4477;            // sqrt(5.991), whitened
   int max_dense_poses = 60;                   // free poses up to which the reduced system is solved as a dense one
   double function_tolerance = 1e-5;           // a round ends when the cost falls by less than this share
+  // Looked at after every iteration, from any thread's store; may be null. Once true, the adjustment ends with what it
+  // has and `interrupted` set.
+  const std::atomic<bool>* stop = nullptr;
 
   absl::Status Validate() const;
 };
@@ -66,6 +70,7 @@ struct BundleResult {
   double final_cost = 0.0;    // half the sum of squared whitened residuals of the inliers
   double inlier_rmse = 0.0;   // root mean square of the inliers' whitened residuals, both directions together
   int iterations = 0;         // successful steps of both rounds
+  bool interrupted = false;   // by options.stop
 };
 
 // InvalidArgument: bad options, indices out of range, values that are not finite, sigmas that are not positive.

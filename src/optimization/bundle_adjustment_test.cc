@@ -226,6 +226,23 @@ TEST(BundleAdjustment, IsDeterministic) {
   for (std::size_t i = 0; i < a->points.size(); ++i) EXPECT_EQ(a->points[i], b->points[i]);
 }
 
+TEST(BundleAdjustment, StopsWhenAsked) {
+  const World world = MakeWorld(3, 0.5);
+  std::atomic<bool> stop = true;
+  BundleAdjustmentOptions options;
+  options.stop = &stop;
+  const auto stopped = AdjustBundle(world.start, options);
+  ASSERT_TRUE(stopped.ok()) << stopped.status();
+  EXPECT_TRUE(stopped->interrupted);
+  EXPECT_LE(stopped->iterations, 1);
+  EXPECT_EQ(stopped->camera_from_map.size(), world.start.poses.size());
+  stop = false;
+  const auto whole = AdjustBundle(world.start, options);
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  EXPECT_FALSE(whole->interrupted);
+  EXPECT_GT(whole->iterations, 1);
+}
+
 TEST(BundleAdjustment, PriorsHoldThePoses) {
   World world = MakeWorld(4, 0.3);
   for (std::uint32_t i = 0; i < world.start.poses.size(); ++i) {
