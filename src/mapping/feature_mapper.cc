@@ -20,6 +20,8 @@ namespace {
 
 // The first keyframes are all inserted: the map needs them more than it needs to be small.
 constexpr int kAlwaysInserted = 4;
+// So many packets the relative scale from depths is trusted before the alignment of centres takes over.
+constexpr int kTrustDepths = 10;
 // A search after a loss is this much wider than usual.
 constexpr double kWideSearch = 3.0;
 
@@ -94,20 +96,23 @@ class FeatureMapper::Impl {
   absl::Status Check(const direct::KeyframePacket& packet) const;
   absl::Status Extract(Current* current);
   absl::Status Continue(Current* current);
-  bool Track(const SE3& seed, Current* current);
+  bool Track(const PoseSeed& seed, Current* current);
   absl::StatusOr<bool> Relocate(Current* current);
   absl::Status Accept(Current* current);
   absl::Status Lose(const SE3& guess, Current* current);
   absl::Status Start(const SE3& camera_from_map, double map_per_direct, KeyframeId parent, Current* current);
   bool ShouldInsert(const Current& current) const;
-  absl::Status Insert(const SE3& camera_from_map, bool points_from_depths, KeyframeId parent, Current* current);
+  int MaxBetween(double rate_hz) const;
+  absl::Status Insert(const SE3& camera_from_map, double map_per_direct, bool points_from_depths, KeyframeId parent,
+                      Current* current);
   absl::Status CommitEdit(map::Edit edit, std::string reason);
   double UpdateScale(const Current& current);
+  std::vector<double> DepthRatios(const Current& current, std::size_t min_observations) const;
   std::optional<ScaleMeasurement> MeasureCentres(const Current& current) const;
   void Remember(const SE3& camera_from_map, KeyframeId reference, Current* current);
   void Record(const Current& current, bool refined, double map_per_direct);
   void OnCull(const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir);
-  SE3 SeedPose(const direct::KeyframePacket& packet) const;
+  PoseSeed SeedPose(const direct::KeyframePacket& packet) const;
   std::vector<PointId> SeenLately() const;
   int NumFeatures(double rate_hz) const;
 
@@ -131,6 +136,7 @@ class FeatureMapper::Impl {
   double median_depth_ = 1.0;  // of the scene, map units
   int since_insertion_ = 0;    // packets
   int inserted_inliers_ = 0;   // of the last keyframe inserted
+  int since_depths_ = 0;       // packets since depths gave the relative scale
   int attempts_ = 0;           // packets since the loss
   std::int64_t last_packet_ = -1;
 };
@@ -200,21 +206,30 @@ absl::Status FeatureMapper::Impl::Continue(Current* current) {
     }
     return Start(SE3(), 1.0, KeyframeId(), current);
   }
-  const SE3 seed = last_.known ? SeedPose(packet) : SE3();
+  const PoseSeed seed = last_.known ? SeedPose(packet) : PoseSeed();
   if (last_.known && Track(seed, current)) return Accept(current);
   CAIRN_ASSIGN_OR_RETURN(const bool relocated, Relocate(current));
   if (relocated) {
     current->report.relocated = true;
     return Accept(current);
   }
-  return Lose(seed, current);
+  return Lose(seed.camera_from_map, current);
 }
 
-SE3 FeatureMapper::Impl::SeedPose(const direct::KeyframePacket& packet) const {
+PoseSeed FeatureMapper::Impl::SeedPose(const direct::KeyframePacket& packet) const {
   const SE3 last_from_map = last_.reference_from_camera.Inverse() * map_->keyframe(last_.reference).camera_from_map;
-  if (packet.segment != last_.segment) return last_from_map;
+  if (packet.segment != last_.segment) return PoseSeed{last_from_map};
   const SE3 camera_from_last = packet.direct_from_camera.Inverse() * last_.direct_from_camera;
-  return Scaled(camera_from_last, scale_.scale()) * last_from_map;
+  const SE3 motion = Scaled(camera_from_last, scale_.scale());
+  PoseSeed seed{motion * last_from_map};
+  // Once the relative scale is known: how good direct odometry is from one keyframe to the next.
+  if (scale_.relative_sigma() > 0.0) {
+    seed.translation_sigma =
+        options_.odometry_sigma_share * motion.translation().norm() + options_.odometry_sigma_depth * median_depth_;
+    seed.rotation_sigma_rad =
+        options_.odometry_sigma_share * AngleRad(motion.rotation()) + options_.odometry_sigma_depth;
+  }
+  return seed;
 }
 
 std::vector<PointId> FeatureMapper::Impl::SeenLately() const {
@@ -225,7 +240,7 @@ std::vector<PointId> FeatureMapper::Impl::SeenLately() const {
   return seen;
 }
 
-bool FeatureMapper::Impl::Track(const SE3& seed, Current* current) {
+bool FeatureMapper::Impl::Track(const PoseSeed& seed, Current* current) {
   Stopwatch watch;
   const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
   const std::vector<PointId> seen = SeenLately();
@@ -250,8 +265,8 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
     std::vector<PointId> seen;
     for (const auto& inlier : found.inliers) seen.push_back(inlier.point);
     const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
-    current->tracked =
-        TrackKeyframe(*map_, view, found.camera_from_map, seen, found.reference_keyframe, median_depth_, 1.0, options_);
+    current->tracked = TrackKeyframe(*map_, view, {found.camera_from_map}, seen, found.reference_keyframe,
+                                     median_depth_, 1.0, options_);
     tracked = current->tracked.tracked;
     current->report.matches = current->tracked.matches;
     current->report.inliers = current->tracked.inliers;
@@ -276,19 +291,27 @@ std::optional<ScaleMeasurement> FeatureMapper::Impl::MeasureCentres(const Curren
   return ScaleFromCentres(map_centres, direct_centres);
 }
 
-// The scale measured at this keyframe itself, or the running one.
-double FeatureMapper::Impl::UpdateScale(const Current& current) {
+// Depth in the map over depth in the direct world, of the features that have both.
+std::vector<double> FeatureMapper::Impl::DepthRatios(const Current& current, std::size_t min_observations) const {
   std::vector<double> ratios;
   for (std::size_t i = 0; i < current.depths.size(); ++i) {
     const PointId id = current.tracked.points[i];
     if (!id || !current.depths[i].known()) continue;
     const map::MapPoint& point = map_->point(id);
-    // A point of one observation has its depth from the direct module itself.
-    if (point.observations.size() < 2) continue;
+    if (point.observations.size() < min_observations) continue;
     ratios.push_back((current.tracked.camera_from_map * point.position).z() * current.depths[i].inverse_depth);
   }
-  const auto from_depths = ScaleFromDepths(ratios);
-  scale_.Update(from_depths, from_depths ? std::nullopt : MeasureCentres(current));
+  return ratios;
+}
+
+// The scale measured at this keyframe itself, or the running one.
+double FeatureMapper::Impl::UpdateScale(const Current& current) {
+  // A point of few observations may still have its depth from the direct module itself.
+  const auto from_depths = ScaleFromDepths(DepthRatios(current, 3));
+  since_depths_ = from_depths ? 0 : since_depths_ + 1;
+  // The alignment lags behind: only where depths have been missing for long.
+  const bool align = since_depths_ > kTrustDepths || scale_.relative_sigma() == 0.0;
+  scale_.Update(from_depths, align ? MeasureCentres(current) : std::nullopt);
   return from_depths ? from_depths->scale : scale_.scale();
 }
 
@@ -324,10 +347,16 @@ void FeatureMapper::Impl::Record(const Current& current, bool refined, double ma
   }
 }
 
+// Packets that need not be inserted in a row: fewer when they are rare.
+int FeatureMapper::Impl::MaxBetween(double rate_hz) const {
+  const int by_time = static_cast<int>(rate_hz * options_.max_seconds_between);
+  return std::min(options_.max_keyframes_between, by_time);
+}
+
 bool FeatureMapper::Impl::ShouldInsert(const Current& current) const {
   const int inliers = current.tracked.inliers;
   return mapper_.keyframes_inserted() < kAlwaysInserted || inliers < options_.insert_below_matches ||
-         since_insertion_ >= options_.max_keyframes_between ||
+         since_insertion_ >= MaxBetween(current.packet.keyframe_rate_hz) ||
          inliers < options_.insert_below_share * inserted_inliers_;
 }
 
@@ -341,9 +370,9 @@ absl::Status FeatureMapper::Impl::Accept(Current* current) {
   mapper_.CountVisible(tracked.visible, tracked.points);
   last_.points = tracked.points;
   if (ShouldInsert(*current)) {
-    const bool thin = tracked.inliers < options_.insert_below_matches;
+    const bool thin = tracked.inliers < options_.poor_inliers;
     inserted_inliers_ = tracked.inliers;
-    CAIRN_RETURN_IF_ERROR(Insert(tracked.camera_from_map, thin, tracked.reference, current));
+    CAIRN_RETURN_IF_ERROR(Insert(tracked.camera_from_map, map_per_direct, thin, tracked.reference, current));
   } else {
     ++since_insertion_;
     Remember(tracked.camera_from_map, tracked.reference, current);
@@ -387,14 +416,14 @@ absl::Status FeatureMapper::Impl::Start(const SE3& camera_from_map, double map_p
   inserted_inliers_ = current->num_depths;
   if (mapper_.keyframes_inserted() == 0) scale_.Reset(map_per_direct);
   current->tracked = {};
-  CAIRN_RETURN_IF_ERROR(Insert(camera_from_map, true, parent, current));
+  CAIRN_RETURN_IF_ERROR(Insert(camera_from_map, map_per_direct, true, parent, current));
   last_.points = map_->keyframe(current->report.keyframe).points;
   Record(*current, true, map_per_direct);
   return absl::OkStatus();
 }
 
-absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, bool points_from_depths, KeyframeId parent,
-                                         Current* current) {
+absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, double map_per_direct, bool points_from_depths,
+                                         KeyframeId parent, Current* current) {
   Stopwatch watch;
   if (vocabulary_ != nullptr) {
     for (const image::Descriptor& descriptor : current->features->features.descriptors) {
@@ -412,7 +441,7 @@ absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, bool points
   request.keyframe.features = current->features;
   request.points = current->tracked.points;
   request.depths = current->depths;
-  request.map_per_direct = scale_.scale();
+  request.map_per_direct = map_per_direct;
   request.points_from_depths = points_from_depths;
   request.parent = parent;
   request.nearby = current->tracked.nearby;

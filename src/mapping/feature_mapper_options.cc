@@ -16,7 +16,11 @@ absl::Status FeatureMapperOptions::Validate() const {
   if (!(neighbour_distance >= 0.0)) return bad("neighbour_distance must not be negative");
   if (!(neighbour_angle_deg > 0.0 && neighbour_angle_deg < 180.0))
     return bad("neighbour_angle_deg must be in (0, 180)");
+  if (!(odometry_sigma_share >= 0.0) || !(odometry_sigma_depth > 0.0)) {
+    return bad("odometry_sigma_share must not be negative and odometry_sigma_depth must be positive");
+  }
   if (insert_below_matches < 0 || max_keyframes_between < 0) return bad("insertion limits must not be negative");
+  if (!(max_seconds_between >= 0.0)) return bad("max_seconds_between must not be negative");
   if (!(insert_below_share >= 0.0 && insert_below_share <= 1.0)) return bad("insert_below_share must be in [0, 1]");
   if (triangulation_neighbours < 1) return bad("triangulation_neighbours must be at least 1");
   if (!(min_parallax_deg > 0.0)) return bad("min_parallax_deg must be positive");

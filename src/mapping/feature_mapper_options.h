@@ -28,13 +28,19 @@ struct FeatureMapperOptions {
   double neighbour_distance = 0.6;
   double neighbour_angle_deg = 45.0;
 
+  // Standard deviations of direct odometry from one keyframe to the next, per axis: a share of the motion and of its
+  // rotation, and a share of the median scene depth and as many radians. They weigh in where matches are few.
+  double odometry_sigma_share = 0.05;
+  double odometry_sigma_depth = 0.003;
+
   // Insertion (LCSD Sec. V-D).
   int insert_below_matches = 150;
-  int max_keyframes_between = 3;     // packets not inserted in a row
+  int max_keyframes_between = 3;     // packets not inserted in a row ...
+  double max_seconds_between = 0.5;  // ... and the time they may take, by the rate of keyframes
   double insert_below_share = 0.75;  // of the matches of the last keyframe inserted
 
   // New points.
-  int triangulation_neighbours = 12;
+  int triangulation_neighbours = 8;
   double min_parallax_deg = 1.0;
   double min_baseline_share = 0.01;  // of the median scene depth, between two keyframes
   double max_chi_square = 5.991;     // of a reprojection error, 2 degrees of freedom, 95 %

@@ -50,7 +50,8 @@ struct Round {
 };
 
 Round MatchAndRefine(const tracking::FeatureView& view, const SE3& seed, std::span<const map::MapPoint* const> points,
-                     const image::OrbParameters& orb, const tracking::ProjectionOptions& projection) {
+                     const image::OrbParameters& orb, const tracking::ProjectionOptions& projection,
+                     const optimization::PoseRefinementOptions& refinement) {
   Round round;
   tracking::ProjectionMatches matched = tracking::MatchByProjection(view, seed, points, orb, projection);
   round.matches = static_cast<int>(matched.matches.size());
@@ -62,7 +63,7 @@ Round MatchAndRefine(const tracking::FeatureView& view, const SE3& seed, std::sp
     observations.push_back(
         {points[match.point]->position, Vector2d(keypoint.x_px, keypoint.y_px), orb.Scale(keypoint.octave)});
   }
-  const auto refined = optimization::RefinePose(view.pinhole, seed, observations);
+  const auto refined = optimization::RefinePose(view.pinhole, seed, observations, refinement);
   if (!refined.ok()) return round;
   round.ok = true;
   round.camera_from_map = refined->camera_from_map;
@@ -121,20 +122,24 @@ std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, const SE3& cam
   return ids;
 }
 
-TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureView& view, const SE3& seed,
+TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureView& view, const PoseSeed& seed,
                               std::span<const PointId> seen, KeyframeId anchor, double median_depth,
                               double radius_factor, const FeatureMapperOptions& options) {
   TrackedKeyframe result;
-  result.camera_from_map = seed;
+  result.camera_from_map = seed.camera_from_map;
   result.points.assign(view.features.size(), PointId());
   const image::OrbParameters& orb = map.info().orb;
+  optimization::PoseRefinementOptions refinement;
+  if (seed.translation_sigma > 0.0 && seed.rotation_sigma_rad > 0.0) {
+    refinement.prior = {seed.camera_from_map, seed.translation_sigma, seed.rotation_sigma_rad};
+  }
   const double reach = options.neighbour_distance * median_depth;
 
   tracking::ProjectionOptions projection;
   projection.radius_factor = radius_factor * options.search_radius_px / kObliqueRadiusPx;
-  result.nearby = NearbyKeyframes(map, seed, reach, options.neighbour_angle_deg, kMaxNearby);
+  result.nearby = NearbyKeyframes(map, seed.camera_from_map, reach, options.neighbour_angle_deg, kMaxNearby);
   auto points = LocalPoints(map, seen, anchor, result.nearby, options);
-  Round round = MatchAndRefine(view, seed, points, orb, projection);
+  Round round = MatchAndRefine(view, seed.camera_from_map, points, orb, projection, refinement);
   result.matches = round.matches;
   if (!round.ok || static_cast<int>(round.inliers.size()) < options.min_inliers / 2) return result;
 
@@ -144,7 +149,7 @@ TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureV
   const SE3 first = round.camera_from_map;
   result.nearby = NearbyKeyframes(map, first, reach, options.neighbour_angle_deg, kMaxNearby);
   points = LocalPoints(map, agreed, anchor, result.nearby, options);
-  round = MatchAndRefine(view, first, points, orb, projection);
+  round = MatchAndRefine(view, first, points, orb, projection, refinement);
   result.matches = round.matches;
   result.inliers = static_cast<int>(round.inliers.size());
   if (!round.ok || result.inliers < options.min_inliers) return result;

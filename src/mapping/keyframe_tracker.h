@@ -33,9 +33,17 @@ struct TrackedKeyframe {
 std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, const SE3& camera_from_map, double max_distance,
                                         double max_angle_deg, std::size_t max_count);
 
+// The seed, and how far it may be wrong per axis: what odometry says between two keyframes is worth more than a few
+// matches.
+struct PoseSeed {
+  SE3 camera_from_map;
+  double translation_sigma = 0.0;  // map units; 0: the seed is only where the search starts
+  double rotation_sigma_rad = 0.0;
+};
+
 // `seen`: points that the keyframe before observed. `anchor`: a keyframe to look around in any case (may be none).
 // `median_depth`: of the scene there, map units. `radius_factor` widens the first round (after a loss).
-TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureView& view, const SE3& seed,
+TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureView& view, const PoseSeed& seed,
                               std::span<const PointId> seen, KeyframeId anchor, double median_depth,
                               double radius_factor, const FeatureMapperOptions& options);
 

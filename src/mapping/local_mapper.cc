@@ -63,7 +63,7 @@ void LocalMapper::AddPoints(map::Edit& edit, const InsertionRequest& request, In
   triangulation.max_chi_square = options_.max_chi_square;
   std::vector<PointId> added =
       TriangulateWith(edit, report->keyframe, neighbours, request.depths, request.map_per_direct,
-                      DepthRangeOf(edit, report->keyframe), grids_, triangulation);
+                      DepthRangeOf(edit, report->keyframe), triangulation);
   if (request.points_from_depths) {
     const std::vector<PointId> more = PointsFromDepths(edit, report->keyframe, request.depths, request.map_per_direct);
     added.insert(added.end(), more.begin(), more.end());

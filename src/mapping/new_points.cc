@@ -6,12 +6,14 @@
 #include <optional>
 
 #include "geometry/triangulation.h"
+#include "image/matching.h"
 
 namespace cairn::mapping {
 namespace {
 
 constexpr double kMaxRollErrorRad = 0.7;  // of keypoint orientations against the roll that the poses tell
-constexpr double kStepPx = 8.0;           // between the circles that cover an epipolar segment
+constexpr int kOctaves = 2;               // by which the two features of a match may differ
+constexpr double kStepPx = 10.0;          // between the circles that cover an epipolar segment
 
 Vector2d PixelOf(const image::Keypoint& keypoint) { return {keypoint.x_px, keypoint.y_px}; }
 
@@ -77,10 +79,17 @@ double WrapAngle(double angle) { return std::remainder(angle, 2.0 * std::numbers
 
 class EpipolarMatcher {
  public:
-  EpipolarMatcher(const Pair& pair, const image::FeatureGrid& grid_b, const image::OrbParameters& orb,
-                  const TriangulationOptions& options)
-      : pair_(pair), grid_b_(grid_b), options_(options) {
+  EpipolarMatcher(const Pair& pair, const image::OrbParameters& orb, const TriangulationOptions& options)
+      : pair_(pair), options_(options) {
     for (int octave = 0; octave < orb.num_levels; ++octave) sigma_.push_back(orb.Scale(octave));
+    // Only features that have no point can be matched.
+    std::vector<image::Keypoint> open;
+    for (std::uint32_t i = 0; i < pair.b.points.size(); ++i) {
+      if (pair.b.points[i]) continue;
+      open.push_back(pair.b.keypoints()[i]);
+      open_.push_back(i);
+    }
+    grid_b_ = image::FeatureGrid(open, pair.pinhole_b.width_px, pair.pinhole_b.height_px);
   }
 
   double Sigma(int octave) const { return sigma_[static_cast<std::size_t>(octave)] + options_.extra_sigma_px; }
@@ -95,16 +104,18 @@ class EpipolarMatcher {
     const Vector2d direction = length > 1e-9 ? Vector2d(along / length) : Vector2d(1.0, 0.0);
     const Vector2d normal(-direction.y(), direction.x());
     const int steps = static_cast<int>(std::ceil(length / kStepPx));
-    const double half_width = 2.0 * Sigma(static_cast<int>(sigma_.size()) - 1);
-    const double radius = std::hypot(std::min(half_width, 8.0), 0.5 * kStepPx) + 1.0;
+    const int coarsest = std::min(keypoint.octave + kOctaves, static_cast<int>(sigma_.size()) - 1);
+    const double half_width = std::sqrt(options_.max_epipolar_chi_square) * Sigma(coarsest);
+    const double radius = std::hypot(half_width, 0.5 * kStepPx);
 
     image::BestTwo best;
     for (int step = 0; step <= steps; ++step) {
       const Vector2d at =
           steps > 0 ? Vector2d(segment->begin + along * (static_cast<double>(step) / steps)) : segment->begin;
-      grid_b_.Query(at.x(), at.y(), radius, keypoint.octave - 3, keypoint.octave + 3, &nearby_);
-      for (const std::uint32_t other : nearby_) {
-        if (other == best.index || pair_.b.points[other]) continue;
+      grid_b_.Query(at.x(), at.y(), radius, keypoint.octave - kOctaves, keypoint.octave + kOctaves, &nearby_);
+      for (const std::uint32_t in_grid : nearby_) {
+        const std::uint32_t other = open_[in_grid];
+        if (other == best.index) continue;
         const image::Keypoint& candidate = pair_.b.keypoints()[other];
         const Vector2d offset = PixelOf(candidate) - segment->begin;
         const double sigma = Sigma(candidate.octave);
@@ -134,7 +145,8 @@ class EpipolarMatcher {
   }
 
   const Pair& pair_;
-  const image::FeatureGrid& grid_b_;
+  image::FeatureGrid grid_b_;
+  std::vector<std::uint32_t> open_;  // features in the grid
   const TriangulationOptions& options_;
   std::vector<double> sigma_;
   std::vector<std::uint32_t> nearby_;
@@ -204,7 +216,7 @@ DepthRange DepthRangeOf(const map::Edit& edit, KeyframeId id) {
 
 std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId id, std::span<const KeyframeId> neighbours,
                                      std::span<const KeypointDepth> depths, double map_per_direct,
-                                     const DepthRange& range, GridCache& grids, const TriangulationOptions& options) {
+                                     const DepthRange& range, const TriangulationOptions& options) {
   std::vector<PointId> added;
   if (!range.valid()) return added;
   const image::OrbParameters& orb = edit.info().orb;
@@ -224,7 +236,7 @@ std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId id, std::span<c
       pair.rotation = pair.b_from_a.RotationMatrix();
       if (pair.b_from_a.translation().norm() < options.min_baseline_share * range.median_depth) continue;
       pair.roll_rad = std::atan2(pair.rotation(1, 0) - pair.rotation(0, 1), pair.rotation(0, 0) + pair.rotation(1, 1));
-      EpipolarMatcher matcher(pair, grids.Of(b, pair.pinhole_b), orb, options);
+      EpipolarMatcher matcher(pair, orb, options);
 
       std::vector<Candidate> best_of_b(b.keypoints().size(), Candidate{0, 0, 257});
       for (std::uint32_t i = 0; i < a.keypoints().size(); ++i) {
@@ -232,7 +244,8 @@ std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId id, std::span<c
         double low = range.min_inverse, high = range.max_inverse;
         if (i < depths.size() && depths[i].known()) {
           const double inverse = depths[i].inverse_depth / map_per_direct;
-          const double slack = std::max(0.15, 4.0 * std::sqrt(depths[i].variance) / depths[i].inverse_depth);
+          // Wide, so that a wrong relative scale cannot confirm itself.
+          const double slack = std::max(0.25, 4.0 * std::sqrt(depths[i].variance) / depths[i].inverse_depth);
           low = inverse * std::max(0.0, 1.0 - slack);
           high = inverse * (1.0 + slack);
         }

@@ -9,7 +9,6 @@
 
 #include "map/edit.h"
 #include "mapping/feature_mapper_options.h"
-#include "mapping/grid_cache.h"
 #include "mapping/keypoint_depth.h"
 
 namespace cairn::mapping {
@@ -44,6 +43,6 @@ struct TriangulationOptions {
 // the new points; their derived fields are set.
 std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId keyframe, std::span<const KeyframeId> neighbours,
                                      std::span<const KeypointDepth> depths, double map_per_direct,
-                                     const DepthRange& range, GridCache& grids, const TriangulationOptions& options);
+                                     const DepthRange& range, const TriangulationOptions& options);
 
 }  // namespace cairn::mapping

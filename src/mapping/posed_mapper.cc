@@ -188,7 +188,7 @@ void PosedMapper::Impl::Connect(map::Edit& edit, KeyframeId id, std::span<const 
   triangulation.max_epipolar_chi_square = options_.max_epipolar_px * options_.max_epipolar_px;
   triangulation.max_chi_square = options_.max_reprojection_px * options_.max_reprojection_px;
   triangulation.extra_sigma_px = kPoseSigmaPx;
-  TriangulateWith(edit, id, partners, {}, 1.0, RangeOf(edit, id, partners), grids_, triangulation);
+  TriangulateWith(edit, id, partners, {}, 1.0, RangeOf(edit, id, partners), triangulation);
   FuseAround(edit, id, partners, grids_, fusion);
 }
 

@@ -27,8 +27,8 @@ struct PosedMapperOptions {
   double max_reprojection_px = 3.0;  // likewise, of a triangulated point before adjustment
   double min_parallax_deg = 1.0;
   // Standard deviations of the given poses; 0: the poses are exact and stay as they are.
-  double position_sigma_share = 0.004;  // of the median scene depth
-  double rotation_sigma_deg = 0.2;
+  double position_sigma_share = 0.001;  // of the median scene depth
+  double rotation_sigma_deg = 0.05;
   int adjustment_iterations = 15;
 
   absl::Status Validate() const;

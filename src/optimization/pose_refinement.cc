@@ -49,6 +49,24 @@ NormalEquations Linearize(const Pinhole& pinhole, const SE3& camera_from_map,
   return sum;
 }
 
+// Difference from the prior, Log(T T_prior^-1), whitened.
+Vector6d PriorResidual(const PosePrior& prior, const SE3& camera_from_map) {
+  Vector6d residual = (camera_from_map * prior.camera_from_map.Inverse()).Log();
+  residual.head<3>() /= prior.translation_sigma;
+  residual.tail<3>() /= prior.rotation_sigma_rad;
+  return residual;
+}
+
+// Log(Exp(x) E) ~ Log(E) + x while E is near the identity, which a prior worth having makes sure of.
+void AddPrior(const PosePrior& prior, const SE3& camera_from_map, NormalEquations* sum) {
+  const Vector6d residual = PriorResidual(prior, camera_from_map);
+  Vector6d weight;
+  weight << Vector3d::Constant(1.0 / prior.translation_sigma), Vector3d::Constant(1.0 / prior.rotation_sigma_rad);
+  sum->hessian.diagonal() += weight.cwiseAbs2();
+  sum->gradient += weight.cwiseProduct(residual);
+  sum->cost += residual.squaredNorm();
+}
+
 double Cost(const Pinhole& pinhole, const SE3& camera_from_map, std::span<const PoseObservation> observations,
             std::span<const std::uint8_t> inlier, const HuberLoss& loss) {
   double cost = 0.0;
@@ -61,10 +79,16 @@ double Cost(const Pinhole& pinhole, const SE3& camera_from_map, std::span<const 
 // Levenberg-Marquardt with Marquardt's scaling (Madsen, Nielsen, Tingleff, "Methods for non-linear least squares
 // problems", 2004).
 void Minimize(const Pinhole& pinhole, std::span<const PoseObservation> observations,
-              std::span<const std::uint8_t> inlier, const HuberLoss& loss, int max_iterations, SE3* pose) {
+              std::span<const std::uint8_t> inlier, const HuberLoss& loss, const PoseRefinementOptions& options,
+              SE3* pose) {
+  const auto linearize = [&]() {
+    NormalEquations equations = Linearize(pinhole, *pose, observations, inlier, loss);
+    if (options.prior) AddPrior(*options.prior, *pose, &equations);
+    return equations;
+  };
   double damping = 1e-6;
-  NormalEquations equations = Linearize(pinhole, *pose, observations, inlier, loss);
-  for (int iteration = 0; iteration < max_iterations; ++iteration) {
+  NormalEquations equations = linearize();
+  for (int iteration = 0; iteration < options.iterations_per_round; ++iteration) {
     bool stepped = false;
     for (int attempt = 0; attempt < 6 && !stepped; ++attempt) {
       Matrix6d damped = equations.hessian;
@@ -73,7 +97,8 @@ void Minimize(const Pinhole& pinhole, std::span<const PoseObservation> observati
       const Vector6d step = -damped.ldlt().solve(equations.gradient);
       if (!step.allFinite()) return;
       const SE3 trial = SE3::Exp(step) * *pose;
-      const double cost = Cost(pinhole, trial, observations, inlier, loss);
+      double cost = Cost(pinhole, trial, observations, inlier, loss);
+      if (options.prior) cost += PriorResidual(*options.prior, trial).squaredNorm();
       if (cost > equations.cost) {
         damping = std::max(damping, 1e-4) * 10.0;
         continue;
@@ -85,7 +110,7 @@ void Minimize(const Pinhole& pinhole, std::span<const PoseObservation> observati
       if (converged) return;
     }
     if (!stepped) return;
-    equations = Linearize(pinhole, *pose, observations, inlier, loss);
+    equations = linearize();
   }
 }
 
@@ -113,6 +138,9 @@ absl::Status PoseRefinementOptions::Validate() const {
     return absl::InvalidArgumentError("pose refinement: iterations_per_round must be at least 1");
   if (!(chi2_threshold > 0.0)) return absl::InvalidArgumentError("pose refinement: chi2_threshold must be positive");
   if (!(huber_threshold > 0.0)) return absl::InvalidArgumentError("pose refinement: huber_threshold must be positive");
+  if (prior && !(prior->translation_sigma > 0.0 && prior->rotation_sigma_rad > 0.0)) {
+    return absl::InvalidArgumentError("pose refinement: the sigmas of the prior must be positive");
+  }
   if (min_observations < 3) return absl::InvalidArgumentError("pose refinement: min_observations must be at least 3");
   return absl::OkStatus();
 }
@@ -130,7 +158,7 @@ absl::StatusOr<PoseRefinement> RefinePose(const Pinhole& pinhole, const SE3& ini
   result.inlier.assign(observations.size(), 1);
   const HuberLoss loss{options.huber_threshold};
   for (int round = 0; round < options.rounds; ++round) {
-    Minimize(pinhole, observations, result.inlier, loss, options.iterations_per_round, &result.camera_from_map);
+    Minimize(pinhole, observations, result.inlier, loss, options, &result.camera_from_map);
     result.num_inliers = 0;
     result.chi2 = 0.0;
     bool changed = false;
@@ -148,7 +176,8 @@ absl::StatusOr<PoseRefinement> RefinePose(const Pinhole& pinhole, const SE3& ini
     if (!changed) break;
   }
 
-  const NormalEquations final = Linearize(pinhole, result.camera_from_map, observations, result.inlier, HuberLoss{1e9});
+  NormalEquations final = Linearize(pinhole, result.camera_from_map, observations, result.inlier, HuberLoss{1e9});
+  if (options.prior) AddPrior(*options.prior, result.camera_from_map, &final);
   // Translation and rotation have different units: judge the conditioning after scaling to a unit diagonal.
   const Vector6d diagonal = final.hessian.diagonal();
   if (!(diagonal.minCoeff() > 0.0)) return absl::FailedPreconditionError("pose refinement: the pose is undetermined");

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -22,12 +23,22 @@ struct PoseObservation {
   double sigma_px = 1.0;              // scale_factor^octave of the keypoint
 };
 
+// What is known of the pose before: by odometry, say. Independent standard deviations per axis of the left increment
+// Exp(x) prior, x = (translation, rotation): in map units, and in radians.
+struct PosePrior {
+  SE3 camera_from_map;
+  double translation_sigma = 0.0;
+  double rotation_sigma_rad = 0.0;
+};
+
 struct PoseRefinementOptions {
   int rounds = 4;
   int iterations_per_round = 10;              // ends earlier when the step vanishes
   double chi2_threshold = kChiSquarePixel95;  // of a whitened residual: inlier up to here
   double huber_threshold = 2.4477;            // sqrt(5.991), whitened
   int min_observations = 4;                   // fewer inliers than this at any time: no answer
+
+  std::optional<PosePrior> prior;
 
   absl::Status Validate() const;
 };

@@ -164,5 +164,42 @@ TEST(RefinePose, SaysWhatIsWrong) {
   EXPECT_EQ(RefinePose(kPinhole, truth, same).status().code(), absl::StatusCode::kFailedPrecondition);
 }
 
+// Few points that leave the depth nearly open: what odometry knows closes it, and many good points overrule it.
+TEST(PoseRefinementPrior, HoldsWhatTheObservationsLeaveOpen) {
+  const Pinhole pinhole{640, 480, 500.0, 500.0, 320.0, 240.0};
+  Random random(11);
+  const SE3 truth(ExpSO3(Vector3d(0.02, -0.03, 0.01)), Vector3d(0.1, -0.05, 0.2));
+  for (const int count : {6, 300}) {
+    std::vector<PoseObservation> observations;
+    for (int i = 0; i < count; ++i) {
+      // A small far patch when there are few.
+      const double width = count < 10 ? 0.3 : 2.0;
+      const Vector3d point(random.Uniform(-width, width), random.Uniform(-width, width), random.Uniform(4.9, 5.1));
+      const Vector2d noise(random.Normal(), random.Normal());
+      observations.push_back({point, pinhole.Project(truth * point) + 0.7 * noise, 1.0});
+    }
+    PoseRefinementOptions options;
+    Vector6d error;
+    error << 0.004, -0.004, 0.004, 0.001, -0.001, 0.001;
+    const SE3 guess = SE3::Exp(error) * truth;
+    options.prior = PosePrior{guess, 0.005, 0.001};
+    const auto refined = RefinePose(pinhole, guess, observations, options);
+    ASSERT_TRUE(refined.ok()) << refined.status();
+    const double with_prior = (refined->camera_from_map * truth.Inverse()).Log().norm();
+    EXPECT_LT(with_prior, 0.015);
+    EXPECT_LT(refined->covariance.diagonal().head<3>().maxCoeff(), 0.006 * 0.006 * 4.0);
+    options.prior.reset();
+    const auto without = RefinePose(pinhole, guess, observations, options);
+    ASSERT_TRUE(without.ok());
+    const double alone = (without->camera_from_map * truth.Inverse()).Log().norm();
+    if (count < 10) {
+      EXPECT_LT(with_prior, alone);
+    }
+  }
+  PoseRefinementOptions bad;
+  bad.prior = PosePrior{SE3(), 0.0, 1.0};
+  EXPECT_EQ(bad.Validate().code(), absl::StatusCode::kInvalidArgument);
+}
+
 }  // namespace
 }  // namespace cairn::optimization

@@ -1,0 +1,196 @@
+// The stages of local mapping, each on a small map with known truth.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "map/testing_map.h"
+#include "mapping/culling.h"
+#include "mapping/local_adjustment.h"
+#include "mapping/new_points.h"
+#include "mapping/point_fusion.h"
+#include "mapping/view_record.h"
+
+namespace cairn::mapping {
+namespace {
+
+using map::testing::MakeMap;
+using map::testing::TestMap;
+
+TEST(NewPoints, TriangulatesWhatNoPointKnowsYet) {
+  const TestMap world = MakeMap(1, 5, 600);
+  map::Edit edit(world.snapshot);
+  // Half of the points go; triangulation must find them again, where they were.
+  std::vector<Vector3d> gone;
+  world.snapshot->points().ForEach([&](const std::shared_ptr<const map::MapPoint>& point) {
+    if (point->id.value() % 2 == 0 || point->observations.size() < 5) return;
+    gone.push_back(point->position);
+    edit.ErasePoint(point->id);
+  });
+  const std::vector<KeyframeId> neighbours = {KeyframeId(1), KeyframeId(2)};
+  const auto added = TriangulateWith(edit, KeyframeId(5), neighbours, {}, 1.0, DepthRangeOf(edit, KeyframeId(5)),
+                                     TriangulationOptions{});
+  EXPECT_GT(added.size(), 0.9 * static_cast<double>(gone.size()));
+  int right = 0;
+  for (const PointId id : added) {
+    EXPECT_EQ(edit.point(id).observations.size(), 2u);
+    for (const Vector3d& truth : gone) right += (edit.point(id).position - truth).norm() < 0.01 ? 1 : 0;
+  }
+  EXPECT_GT(right, 0.98 * static_cast<double>(added.size()));
+}
+
+TEST(NewPoints, GatesOnParallaxAndBaseline) {
+  const TestMap world = MakeMap(2, 3, 300);
+  for (const bool parallax : {true, false}) {
+    map::Edit edit(world.snapshot);
+    const DepthRange range = DepthRangeOf(edit, KeyframeId(3));
+    for (const PointId point : world.snapshot->keyframe(KeyframeId(3)).points) {
+      if (point && edit.FindPoint(point) != nullptr && point.value() % 2 == 0) edit.ErasePoint(point);
+    }
+    TriangulationOptions options;
+    (parallax ? options.min_parallax_deg : options.min_baseline_share) = parallax ? 30.0 : 0.5;
+    EXPECT_TRUE(TriangulateWith(edit, KeyframeId(3), std::vector{KeyframeId(2)}, {}, 1.0, range, options).empty());
+  }
+}
+
+TEST(NewPoints, FromDepthsAtTheGivenScale) {
+  const TestMap world = map::testing::MakeWorld(3, 1, 200);
+  Random random(1);
+  std::vector<std::size_t> visible;
+  map::Edit edit(world.snapshot);
+  const KeyframeId id = edit.AddKeyframe(map::testing::MakeKeyframe(world, 0, 0.0, random, &visible));
+  std::vector<KeypointDepth> depths(visible.size());
+  for (std::size_t i = 0; i < visible.size(); i += 2) {
+    depths[i] = {2.0 / (world.poses[0] * world.truth[visible[i]]).z(), 1e-6};
+  }
+  const auto added = PointsFromDepths(edit, id, depths, 2.0);
+  EXPECT_EQ(added.size(), (visible.size() + 1) / 2);
+  for (const PointId point : added) {
+    const std::uint32_t feature = edit.point(point).observations[0].feature;
+    EXPECT_LT((edit.point(point).position - world.truth[visible[feature]]).norm(), 1e-4);
+  }
+}
+
+TEST(PointFusion, JoinsDoublesAndAddsObservations) {
+  const TestMap world = MakeMap(4, 4, 300);
+  map::Edit edit(world.snapshot);
+  // Keyframe 4 gets points of its own for half of what it sees, and nothing for the rest.
+  const std::vector<PointId> points = world.snapshot->keyframe(KeyframeId(4)).points;
+  int doubles = 0, missing = 0;
+  for (std::uint32_t i = 0; i < points.size(); ++i) {
+    if (!points[i] || world.snapshot->point(points[i]).observations.size() < 3) continue;
+    edit.RemoveObservation(points[i], KeyframeId(4));
+    if (i % 2 == 0) {
+      edit.AddObservation(edit.AddPoint(world.snapshot->point(points[i]).position), KeyframeId(4), i);
+      edit.UpdatePoint(edit.keyframe(KeyframeId(4)).points[i]);
+      ++doubles;
+    } else {
+      ++missing;
+    }
+    edit.UpdatePoint(points[i]);
+  }
+  GridCache grids;
+  const auto around = std::vector{KeyframeId(1), KeyframeId(2), KeyframeId(3)};
+  const FusionCounts counts = FuseAround(edit, KeyframeId(4), around, grids, FusionOptions{});
+  EXPECT_GT(counts.fused, 0.95 * doubles);
+  EXPECT_GT(counts.observations, 0.95 * missing);
+  int restored = 0, expected = 0;
+  for (std::uint32_t i = 0; i < points.size(); ++i) {
+    if (!points[i] || world.snapshot->point(points[i]).observations.size() < 3) continue;
+    ++expected;
+    restored += edit.keyframe(KeyframeId(4)).points[i] == points[i] ? 1 : 0;
+  }
+  EXPECT_GT(restored, 0.95 * expected) << "the point with more observations stays";
+  const auto next = world.snapshot->Apply(edit.Finish("fuse"));
+  ASSERT_TRUE(next.ok()) << next.status();
+  EXPECT_TRUE((*next)->CheckConsistency().ok());
+}
+
+TEST(LocalAdjustment, RepairsADisturbedKeyframeAndDropsWrongObservations) {
+  const TestMap world = MakeMap(5, 6, 400, 0.3);
+  map::Edit edit(world.snapshot);
+  const SE3 truth = world.poses[5];
+  Vector6d disturbance;
+  disturbance << 0.03, -0.02, 0.02, 0.01, -0.01, 0.005;
+  edit.SetPose(KeyframeId(6), SE3::Exp(disturbance) * truth);
+  // A wrong link: the point is moved to another feature of the same keyframe.
+  const std::vector<PointId> points = world.snapshot->keyframe(KeyframeId(6)).points;
+  std::uint32_t a = 0;
+  while (!points[a] || world.snapshot->point(points[a]).observations.size() < 4) ++a;
+  std::uint32_t b = 0;
+  while (b < points.size() && points[b]) ++b;
+  ASSERT_LT(b, points.size()) << "a feature without a point";
+  edit.RemoveObservation(points[a], KeyframeId(6));
+  ASSERT_TRUE(edit.AddObservation(points[a], KeyframeId(6), b));
+  const auto report = AdjustKeyframes(edit, KeyframesToAdjust(edit, KeyframeId(6), 2));
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_TRUE(report->adjusted);
+  EXPECT_EQ(report->keyframes, 2);
+  EXPECT_GE(report->fixed_keyframes, 3);
+  EXPECT_LT((edit.keyframe(KeyframeId(6)).camera_from_map * truth.Inverse()).Log().norm(), 0.005);
+  EXPECT_FALSE(edit.keyframe(KeyframeId(6)).points[b]) << "the wrong observation is gone";
+  EXPECT_TRUE(edit.FindPoint(points[a]) != nullptr);
+}
+
+TEST(Culling, PointsThatAreNotFoundOrNotSeenEnough) {
+  const TestMap world = MakeMap(6, 3, 200);
+  map::Edit edit(world.snapshot);
+  std::vector<PointId> watched;
+  for (const PointId point : world.snapshot->keyframe(KeyframeId(1)).points) {
+    if (point) watched.push_back(point);
+  }
+  ASSERT_GT(watched.size(), 10u);
+  edit.AddVisibility(watched[0], 9, 0);
+  int thin = 0;
+  for (const PointId point : watched) thin += edit.point(point).observations.size() < 3 ? 1 : 0;
+  const bool first_thin = edit.point(watched[0]).observations.size() < 3;
+  PointCuller culler;
+  culler.Watch(watched, 1);
+  const FeatureMapperOptions options;
+  EXPECT_EQ(culler.Cull(edit, 1, options), 1) << "the one that is never found";
+  EXPECT_EQ(edit.FindPoint(watched[0]), nullptr);
+  EXPECT_EQ(culler.Cull(edit, 3, options), thin - (first_thin ? 1 : 0)) << "those with two observations";
+  EXPECT_EQ(culler.Cull(edit, 4, options), 0);
+}
+
+TEST(Culling, KeyframesThatShowNothingNew) {
+  TestMap world = map::testing::MakeWorld(7, 1, 300);
+  // Six keyframes at one place: all but three are redundant.
+  for (int i = 0; i < 5; ++i) world.poses.push_back(world.poses[0]);
+  map::Edit edit(world.snapshot);
+  Random random(1);
+  std::vector<PointId> points;
+  for (std::size_t view = 0; view < 6; ++view) {
+    std::vector<std::size_t> visible;
+    const KeyframeId id = edit.AddKeyframe(map::testing::MakeKeyframe(world, view, 0.0, random, &visible));
+    for (std::uint32_t i = 0; i < visible.size(); ++i) {
+      if (view == 0) points.push_back(edit.AddPoint(world.truth[visible[i]]));
+      edit.AddObservation(points[i], id, i);
+    }
+  }
+  const auto snapshot = world.snapshot->Apply(edit.Finish("views"));
+  ASSERT_TRUE(snapshot.ok());
+  map::Edit culling(*snapshot);
+  EXPECT_EQ(RedundantShare(culling, KeyframeId(3), 3), 1.0);
+  const FeatureMapperOptions options;
+  const int culled =
+      CullKeyframes(culling, KeyframeId(6), options, [&](KeyframeId id) { return culling.EraseKeyframe(id); });
+  EXPECT_EQ(culled, 3) << "then three views are left: two others are not enough";
+  EXPECT_NE(culling.FindKeyframe(KeyframeId(1)), nullptr) << "the root stays";
+}
+
+TEST(ViewRecord, RefinesAPoseAgainstTheMap) {
+  const TestMap world = MakeMap(8, 3, 300);
+  const map::Keyframe& keyframe = world.snapshot->keyframe(KeyframeId(2));
+  const ViewRecord view = MakeViewRecord(keyframe.keypoints(), keyframe.points, world.snapshot->info().orb);
+  EXPECT_FALSE(view.empty());
+  Vector6d off;
+  off << 0.02, 0.01, 0, 0.01, 0, 0;
+  const auto refined =
+      RefineView(*world.snapshot, map::testing::kPinhole, view, SE3::Exp(off) * keyframe.camera_from_map, 25);
+  ASSERT_TRUE(refined);
+  EXPECT_LT((*refined * keyframe.camera_from_map.Inverse()).Log().norm(), 1e-4);
+  EXPECT_FALSE(RefineView(*world.snapshot, map::testing::kPinhole, ViewRecord{}, SE3(), 25));
+}
+
+}  // namespace
+}  // namespace cairn::mapping
