@@ -40,7 +40,7 @@ struct FeatureMapperOptions {
   double insert_below_share = 0.75;  // of the matches of the last keyframe inserted
 
   // New points.
-  int triangulation_neighbours = 8;
+  int triangulation_neighbours = 6;
   double min_parallax_deg = 1.0;
   double min_baseline_share = 0.01;  // of the median scene depth, between two keyframes
   double max_chi_square = 5.991;     // of a reprojection error, 2 degrees of freedom, 95 %
@@ -51,8 +51,8 @@ struct FeatureMapperOptions {
   double fusion_radius_px = 3.0;
 
   // Local bundle adjustment; half of the usual iterations (LCSD Sec. VI-A).
-  int max_adjusted_keyframes = 20;
-  int max_fixed_keyframes = 30;
+  int max_adjusted_keyframes = 10;
+  int max_fixed_keyframes = 15;
   int first_iterations = 3;
   int second_iterations = 5;
 

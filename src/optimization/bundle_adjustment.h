@@ -53,7 +53,7 @@ struct BundleAdjustmentOptions {
   double chi2_threshold = kChiSquarePixel95;  // of a whitened residual: inlier up to here
   double huber_threshold = 2.4477;            // sqrt(5.991), whitened
   int max_dense_poses = 60;                   // free poses up to which the reduced system is solved as a dense one
-  double function_tolerance = 1e-5;           // a round ends when the cost falls by less than this share
+  double function_tolerance = 1e-4;           // a round ends when the cost falls by less than this share
   // Looked at after every iteration, from any thread's store; may be null. Once true, the adjustment ends with what it
   // has and `interrupted` set.
   const std::atomic<bool>* stop = nullptr;

@@ -1,0 +1,59 @@
+#include "mapping/loop_closer.h"
+
+#include <optional>
+#include <utility>
+
+#include "mapping/stopwatch.h"
+
+namespace cairn::mapping {
+
+absl::StatusOr<LoopCloser> LoopCloser::Create(const LoopOptions& options) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  return LoopCloser(options);
+}
+
+absl::StatusOr<LoopReport> LoopCloser::Process(std::shared_ptr<const map::Snapshot> map,
+                                               const tracking::PlaceDatabase& places, KeyframeId keyframe,
+                                               const Commit& commit) {
+  if (places.revision() != map->revision()) {
+    return absl::FailedPreconditionError(absl::StrCat("loop closing: the place database is of revision ",
+                                                      places.revision(), ", the map of ", map->revision()));
+  }
+  if (!map->keyframes().Contains(keyframe)) {
+    return absl::NotFoundError(absl::StrCat("loop closing: the map has no keyframe ", keyframe.value()));
+  }
+  LoopReport report;
+  report.current = keyframe;
+  Stopwatch watch;
+  const std::vector<KeyframeId> candidates = detector_.Detect(*map, places, keyframe);
+  report.detect_ms = watch.LapMs();
+  std::optional<Loop> loop;
+  for (const KeyframeId candidate : candidates) {
+    ++report.candidates;
+    loop = VerifyLoop(*map, places, keyframe, candidate, options_, &report.evidence);
+    if (loop) break;
+  }
+  report.verify_ms = watch.LapMs();
+  if (!loop) return report;
+
+  map::Edit edit(map);
+  auto correction = CorrectLoop(*loop, edges_, options_, edit);
+  if (absl::IsInternal(correction.status())) {
+    report.evidence.rejected = std::string(correction.status().message());
+    return report;
+  }
+  CAIRN_RETURN_IF_ERROR(correction.status());
+  map::Delta delta = edit.Finish(absl::StrCat("close loop ", keyframe.value(), "-", loop->loop.value()));
+  report.correct_ms = watch.LapMs();
+  CAIRN_RETURN_IF_ERROR(commit(std::move(delta), correction->scales).status());
+  report.commit_ms = watch.LapMs();
+  report.closed = true;
+  report.loop = loop->loop;
+  report.correction = *std::move(correction);
+  edges_.insert(edges_.end(), report.correction.new_edges.begin(), report.correction.new_edges.end());
+  detector_.Reset();
+  ++loops_closed_;
+  return report;
+}
+
+}  // namespace cairn::mapping

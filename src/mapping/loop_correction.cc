@@ -1,0 +1,235 @@
+#include "mapping/loop_correction.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "mapping/grid_cache.h"
+#include "mapping/point_fusion.h"
+#include "optimization/pose_graph.h"
+
+namespace cairn::mapping {
+namespace {
+
+using optimization::PoseGraphProblem;
+
+SE3 RigidPart(const Sim3& camera_from_map) {
+  return {camera_from_map.rotation(), camera_from_map.translation() / camera_from_map.scale()};
+}
+
+class Corrector {
+ public:
+  Corrector(const Loop& loop, const LoopEdges& earlier, const LoopOptions& options, map::Edit& edit)
+      : loop_(loop), earlier_(earlier), options_(options), edit_(edit), base_(edit.base()) {}
+
+  absl::StatusOr<LoopCorrection> Run() {
+    MoveNeighbourhood();
+    Fuse();
+    FindLoopEdges();
+    CAIRN_RETURN_IF_ERROR(Spread());
+    return std::move(result_);
+  }
+
+ private:
+  Sim3 Before(KeyframeId id) const { return Sim3(base_.keyframe(id).camera_from_map); }
+
+  // The current keyframe and those covisible with it go where the similarity puts them, with their points.
+  void MoveNeighbourhood() {
+    const map::Keyframe& current = base_.keyframe(loop_.current);
+    const Sim3 current_from_map = loop_.current_from_loop * Before(loop_.loop);
+    corrected_[current.id] = current_from_map;
+    for (const KeyframeId id : map::BestCovisible(current)) {
+      if (std::ranges::find(loop_.loop_side, id) != loop_.loop_side.end()) continue;
+      corrected_[id] = Sim3(base_.keyframe(id).camera_from_map * current.camera_from_map.Inverse()) * current_from_map;
+    }
+    for (const auto& [id, camera_from_map] : corrected_) {
+      for (const PointId point : base_.keyframe(id).points) {
+        if (!point || moved_by_.contains(point)) continue;
+        // With the keyframe that knows it best, if that moves as well.
+        const KeyframeId reference = base_.point(point).reference.keyframe;
+        const KeyframeId by = corrected_.contains(reference) ? reference : id;
+        moved_by_[point] = by;
+        edit_.SetPosition(point, corrected_[by].Inverse() * (Before(by) * base_.point(point).position));
+      }
+    }
+    for (const auto& [id, camera_from_map] : corrected_) edit_.SetPose(id, RigidPart(camera_from_map));
+    for (const auto& [point, by] : moved_by_) edit_.UpdatePoint(point);
+  }
+
+  std::vector<PointId> PointsOf(std::span<const KeyframeId> keyframes) const {
+    std::vector<PointId> points;
+    for (const KeyframeId id : keyframes) {
+      for (const PointId point : edit_.keyframe(id).points) {
+        if (point) points.push_back(point);
+      }
+    }
+    std::sort(points.begin(), points.end());
+    points.erase(std::unique(points.begin(), points.end()), points.end());
+    return points;
+  }
+
+  void Fuse() {
+    for (const LoopMatch& match : loop_.matches) {
+      if (edit_.FindPoint(match.point) == nullptr) continue;
+      const PointId own = edit_.keyframe(loop_.current).points[match.feature];
+      if (own == match.point) continue;
+      if (own) {
+        edit_.FusePoints(own, match.point);
+        ++result_.fused_points;
+      } else {
+        result_.added_observations += edit_.AddObservation(match.point, loop_.current, match.feature) ? 1 : 0;
+      }
+    }
+    FusionOptions fusion;
+    fusion.radius_px = options_.fusion_radius_px;
+    fusion.extra_sigma_px = options_.fusion_extra_sigma_px;
+    GridCache grids;
+    const auto fuse_into = [&](KeyframeId id, std::span<const PointId> points) {
+      const FusionCounts counts = FuseInto(edit_, id, points, grids, fusion);
+      result_.fused_points += counts.fused;
+      result_.added_observations += counts.observations;
+    };
+    std::vector<KeyframeId> neighbourhood;
+    for (const auto& [id, camera_from_map] : corrected_) neighbourhood.push_back(id);
+    const std::vector<PointId> there = PointsOf(loop_.loop_side), here = PointsOf(neighbourhood);
+    for (const KeyframeId id : neighbourhood) fuse_into(id, there);
+    for (const KeyframeId id : loop_.loop_side) fuse_into(id, here);
+  }
+
+  // What fusion has linked across the loop.
+  void FindLoopEdges() {
+    result_.new_edges.emplace_back(loop_.current, loop_.loop);
+    for (const auto& [id, camera_from_map] : corrected_) {
+      edit_.UpdateCovisibility(id);
+      const auto& before = base_.keyframe(id).covisible;
+      for (const map::CovisibilityEdge& edge : edit_.keyframe(id).covisible) {
+        if (edge.shared_points < map::kMinEssentialPoints) break;
+        if (corrected_.contains(edge.keyframe) || (id == loop_.current && edge.keyframe == loop_.loop)) continue;
+        const auto known = std::ranges::find(before, edge.keyframe, &map::CovisibilityEdge::keyframe);
+        if (known == before.end()) result_.new_edges.emplace_back(id, edge.keyframe);
+      }
+    }
+  }
+
+  // The spanning tree, strong covisibility as it was before, earlier loops: each pair once.
+  std::set<std::pair<KeyframeId, KeyframeId>> EssentialEdges() const {
+    std::set<std::pair<KeyframeId, KeyframeId>> edges;
+    const auto add = [&edges](KeyframeId a, KeyframeId b) { edges.emplace(std::min(a, b), std::max(a, b)); };
+    base_.keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+      if (keyframe->parent) add(keyframe->id, keyframe->parent);
+      for (const map::CovisibilityEdge& edge : keyframe->covisible) {
+        if (edge.shared_points < map::kMinEssentialPoints) break;
+        add(keyframe->id, edge.keyframe);
+      }
+    });
+    for (const auto& [a, b] : earlier_) {
+      if (base_.keyframes().Contains(a) && base_.keyframes().Contains(b)) add(a, b);
+    }
+    return edges;
+  }
+
+  // Only what hangs together with the loop keyframe takes part.
+  void ChooseKeyframes(const std::set<std::pair<KeyframeId, KeyframeId>>& edges) {
+    std::unordered_map<KeyframeId, std::vector<KeyframeId>> linked;
+    const auto link = [&linked](KeyframeId a, KeyframeId b) {
+      linked[a].push_back(b);
+      linked[b].push_back(a);
+    };
+    for (const auto& [a, b] : edges) link(a, b);
+    for (const auto& [a, b] : result_.new_edges) link(a, b);
+    std::set<KeyframeId> reached = {loop_.loop};
+    std::vector<KeyframeId> open = {loop_.loop};
+    while (!open.empty()) {
+      const KeyframeId at = open.back();
+      open.pop_back();
+      for (const KeyframeId next : linked[at]) {
+        if (reached.insert(next).second) open.push_back(next);
+      }
+    }
+    for (const KeyframeId id : reached) {
+      node_of_[id] = static_cast<std::uint32_t>(keyframes_.size());
+      keyframes_.push_back(id);
+    }
+  }
+
+  // Distance of what the current keyframe sees, in the map's unit.
+  double TypicalDistance() const {
+    std::vector<double> distances;
+    const map::Keyframe& loop = base_.keyframe(loop_.loop);
+    for (const PointId point : loop.points) {
+      if (point) distances.push_back((loop.camera_from_map * base_.point(point).position).norm());
+    }
+    if (distances.empty()) return 1.0;
+    const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+    std::nth_element(distances.begin(), middle, distances.end());
+    return *middle;
+  }
+
+  Sim3 Start(KeyframeId id) const {
+    const auto corrected = corrected_.find(id);
+    return corrected != corrected_.end() ? corrected->second : Before(id);
+  }
+
+  absl::Status Spread() {
+    const auto edges = EssentialEdges();
+    ChooseKeyframes(edges);
+    PoseGraphProblem problem;
+    for (const KeyframeId id : keyframes_) problem.nodes.push_back({Start(id), id == loop_.loop});
+    for (const auto& [a, b] : edges) {
+      if (!node_of_.contains(a)) continue;
+      problem.edges.push_back({node_of_.at(a), node_of_.at(b), Before(b) * Before(a).Inverse(), 1.0});
+    }
+    for (const auto& [a, b] : result_.new_edges) {
+      problem.edges.push_back(
+          {node_of_.at(a), node_of_.at(b), Start(b) * Start(a).Inverse(), options_.loop_edge_weight});
+    }
+    optimization::PoseGraphOptions graph;
+    graph.max_iterations = options_.pose_graph_iterations;
+    graph.translation_unit = std::max(1e-9, TypicalDistance());
+    CAIRN_ASSIGN_OR_RETURN(const optimization::PoseGraphResult solved, optimization::OptimizePoseGraph(problem, graph));
+    result_.graph_keyframes = static_cast<int>(problem.nodes.size());
+    result_.graph_edges = static_cast<int>(problem.edges.size());
+    result_.graph_initial_cost = solved.initial_cost;
+    result_.graph_final_cost = solved.final_cost;
+    Apply(solved.camera_from_map);
+    return absl::OkStatus();
+  }
+
+  void Apply(const std::vector<Sim3>& solved) {
+    for (std::size_t i = 0; i < keyframes_.size(); ++i) {
+      edit_.SetPose(keyframes_[i], RigidPart(solved[i]));
+      result_.scales[keyframes_[i]] = 1.0 / solved[i].scale();
+    }
+    base_.points().ForEach([&](const std::shared_ptr<const map::MapPoint>& point) {
+      const map::MapPoint* now = edit_.FindPoint(point->id);
+      if (now == nullptr) return;
+      const auto moved = moved_by_.find(point->id);
+      const KeyframeId by = moved != moved_by_.end() ? moved->second : point->reference.keyframe;
+      const auto node = node_of_.find(by);
+      if (node == node_of_.end()) return;
+      // Points of the neighbourhood are where the similarity put them, all others where they were.
+      const Vector3d in_camera = (moved != moved_by_.end() ? corrected_.at(by) : Before(by)) * now->position;
+      edit_.SetPosition(point->id, solved[node->second].Inverse() * in_camera);
+    });
+  }
+
+  const Loop& loop_;
+  const LoopEdges& earlier_;
+  const LoopOptions& options_;
+  map::Edit& edit_;
+  const map::Snapshot& base_;
+  LoopCorrection result_;
+  std::map<KeyframeId, Sim3> corrected_;    // camera_from_map of the neighbourhood after the similarity
+  std::map<PointId, KeyframeId> moved_by_;  // points that moved with it, and with which keyframe
+  std::vector<KeyframeId> keyframes_;       // nodes of the graph
+  std::unordered_map<KeyframeId, std::uint32_t> node_of_;
+};
+
+}  // namespace
+
+absl::StatusOr<LoopCorrection> CorrectLoop(const Loop& loop, const LoopEdges& earlier, const LoopOptions& options,
+                                           map::Edit& edit) {
+  return Corrector(loop, earlier, options, edit).Run();
+}
+
+}  // namespace cairn::mapping
