@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/bounded_queue.h"
+#include "engine/loop_runner.h"
 #include "image/undistort.h"
 #include "mapping/packet_queue.h"
 
@@ -23,6 +24,7 @@ float MillisecondsSince(Clock::time_point start) {
 absl::Status SessionOptions::Validate() const {
   CAIRN_RETURN_IF_ERROR(odometry.Validate());
   CAIRN_RETURN_IF_ERROR(mapping.Validate());
+  CAIRN_RETURN_IF_ERROR(loops.Validate());
   if (packet_queue_limit < 1) return absl::InvalidArgumentError("packet_queue_limit must be at least 1");
   if (mapping_backlog < 1) return absl::InvalidArgumentError("mapping_backlog must be at least 1");
   return absl::OkStatus();
@@ -49,6 +51,9 @@ class Session::Impl {
     const auto commit = [this](map::Delta delta) { return writer_->Commit(delta); };
     CAIRN_ASSIGN_OR_RETURN(mapper_, mapping::FeatureMapper::Create(options_.mapping, writer_->Current(), session_.id,
                                                                    session_.camera, vocabulary, commit));
+    if (options_.close_loops) {
+      CAIRN_ASSIGN_OR_RETURN(loops_, LoopRunner::Create(options_.loops, !options_.deterministic));
+    }
     if (!options_.deterministic) thread_ = std::thread([this] { MapPackets(); });
     return absl::OkStatus();
   }
@@ -85,6 +90,7 @@ class Session::Impl {
       return absl::FailedPreconditionError(
           absl::StrCat("no map was made: ", waiting_for_.empty() ? "there was no keyframe to map" : waiting_for_));
     }
+    if (loops_) CAIRN_RETURN_IF_ERROR(loops_->Finish(mapper_.get()));
     CAIRN_RETURN_IF_ERROR(mapper_->Finish());
     CAIRN_RETURN_IF_ERROR(EndSession(session_, last_time_ns_, !options_.deterministic, writer_));
     return Report();
@@ -122,7 +128,7 @@ class Session::Impl {
     const bool lost = report.state == mapping::FeatureState::kLost;
     if (lost && !feature_lost_) ++feature_losses_;
     feature_lost_ = lost;
-    return absl::OkStatus();
+    return loops_ ? loops_->AfterPacket(report, mapper_.get()) : absl::OkStatus();
   }
 
   // The feature module's thread. After an error it drains the queue, so that the odometry is never stuck.
@@ -161,6 +167,10 @@ class Session::Impl {
     report.keyframes = static_cast<std::int64_t>(map->keyframes().size());
     report.points = static_cast<std::int64_t>(map->points().size());
     report.feature_losses = feature_losses_;
+    if (loops_) {
+      report.loops = loops_->loops();
+      report.loop_search_ms = loops_->search_ms();
+    }
     report.frame_ms = frame_ms_;
     report.keyframe_ms = keyframe_ms_;
     return report;
@@ -179,6 +189,7 @@ class Session::Impl {
 
   // Used by the feature module's thread while it runs.
   std::unique_ptr<mapping::FeatureMapper> mapper_;
+  std::unique_ptr<LoopRunner> loops_;  // null: loops are not closed
   std::vector<float> keyframe_ms_;
   std::int64_t feature_losses_ = 0;
   bool feature_lost_ = false;

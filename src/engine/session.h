@@ -17,6 +17,7 @@
 #include "engine/map_writer.h"
 #include "engine/session_record.h"
 #include "mapping/feature_mapper.h"
+#include "mapping/loop_closer.h"
 #include "place/vocabulary.h"
 
 namespace cairn::engine {
@@ -25,6 +26,8 @@ struct SessionOptions {
   bool deterministic = false;
   direct::OdometryOptions odometry;
   mapping::FeatureMapperOptions mapping;
+  bool close_loops = false;  // needs a vocabulary
+  mapping::LoopOptions loops;
   int packet_queue_limit = 5;  // keyframes waiting for an older one (paper Sec. V)
   int mapping_backlog = 8;     // packets waiting for the feature module; the odometry then waits for it
 
@@ -52,9 +55,11 @@ struct SessionReport {
   std::int64_t direct_keyframes = 0;
   std::int64_t keyframes = 0;  // in the map
   std::int64_t points = 0;
-  std::int64_t feature_losses = 0;  // times the feature module lost the map
-  std::vector<float> frame_ms;      // per call of AddFrame
-  std::vector<float> keyframe_ms;   // per packet through the feature module
+  std::int64_t feature_losses = 0;         // times the feature module lost the map
+  std::vector<mapping::LoopReport> loops;  // closed, in order
+  std::vector<float> loop_search_ms;       // per keyframe inserted
+  std::vector<float> frame_ms;             // per call of AddFrame
+  std::vector<float> keyframe_ms;          // per packet through the feature module
   direct::OdometryStatistics odometry;
   std::vector<FramePose> frame_poses;
   std::vector<mapping::TrajectoryKeyframe> keyframe_poses;

@@ -68,7 +68,10 @@ class FeatureMapper::Impl {
   absl::StatusOr<KeyframeReport> Process(const direct::KeyframePacket& packet);
   absl::Status Finish();
 
+  absl::Status CommitCorrection(map::Delta delta, const std::unordered_map<KeyframeId, double>& scales);
+
   const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
+  const tracking::PlaceDatabase* places() const { return places_ ? &*places_ : nullptr; }
   FeatureState state() const { return state_; }
   const KeyframeTrajectory& trajectory() const { return trajectory_; }
 
@@ -106,6 +109,7 @@ class FeatureMapper::Impl {
   absl::Status Insert(const SE3& camera_from_map, double map_per_direct, bool points_from_depths, KeyframeId parent,
                       Current* current);
   absl::Status CommitEdit(map::Edit edit, std::string reason);
+  absl::Status CommitDelta(map::Delta delta);
   double UpdateScale(const Current& current);
   std::vector<double> DepthRatios(const Current& current, std::size_t min_observations) const;
   std::optional<ScaleMeasurement> MeasureCentres(const Current& current) const;
@@ -468,11 +472,29 @@ absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, double map_
 }
 
 absl::Status FeatureMapper::Impl::CommitEdit(map::Edit edit, std::string reason) {
-  map::Delta delta = edit.Finish(std::move(reason));
+  return CommitDelta(edit.Finish(std::move(reason)));
+}
+
+absl::Status FeatureMapper::Impl::CommitDelta(map::Delta delta) {
   if (delta.empty()) return absl::OkStatus();
   if (places_) CAIRN_RETURN_IF_ERROR(places_->Update(delta));
   CAIRN_ASSIGN_OR_RETURN(map_, commit_(std::move(delta)));
   if (map_ == nullptr) return absl::InternalError("the commit function returned no map");
+  return absl::OkStatus();
+}
+
+absl::Status FeatureMapper::Impl::CommitCorrection(map::Delta delta,
+                                                   const std::unordered_map<KeyframeId, double>& scales) {
+  for (const KeyframeId removed : delta.removed_keyframes) {
+    if (last_.reference == removed) last_.known = false;
+  }
+  CAIRN_RETURN_IF_ERROR(CommitDelta(std::move(delta)));
+  trajectory_.Rescale(scales);
+  const auto here = scales.find(last_.reference);
+  if (!last_.known || here == scales.end()) return absl::OkStatus();
+  last_.reference_from_camera = Scaled(last_.reference_from_camera, here->second);
+  scale_.Rescale(here->second);
+  median_depth_ *= here->second;
   return absl::OkStatus();
 }
 
@@ -543,6 +565,12 @@ absl::StatusOr<KeyframeReport> FeatureMapper::Process(const direct::KeyframePack
   return impl_->Process(packet);
 }
 absl::Status FeatureMapper::Finish() { return impl_->Finish(); }
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> FeatureMapper::CommitCorrection(
+    map::Delta delta, const std::unordered_map<KeyframeId, double>& scales) {
+  CAIRN_RETURN_IF_ERROR(impl_->CommitCorrection(std::move(delta), scales));
+  return impl_->map();
+}
+const tracking::PlaceDatabase* FeatureMapper::places() const { return impl_->places(); }
 const std::shared_ptr<const map::Snapshot>& FeatureMapper::map() const { return impl_->map(); }
 FeatureState FeatureMapper::state() const { return impl_->state(); }
 std::vector<TrajectoryKeyframe> FeatureMapper::Trajectory(const map::Snapshot& snapshot) const {

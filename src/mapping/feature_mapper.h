@@ -9,6 +9,7 @@
 
 #include <functional>
 #include <memory>
+#include <unordered_map>
 #include <vector>
 
 #include "base/status.h"
@@ -17,6 +18,7 @@
 #include "mapping/feature_mapper_options.h"
 #include "mapping/keyframe_trajectory.h"
 #include "place/vocabulary.h"
+#include "tracking/place_database.h"
 
 namespace cairn::mapping {
 
@@ -82,6 +84,14 @@ class FeatureMapper {
   // Ends the session: a wider bundle adjustment over everything this session added, if it is small enough, and the
   // poses of the keyframes that were not inserted refined once more against the final map.
   absl::Status Finish();
+
+  // A change of the map that somebody else makes between two calls of Process(), such as closing a loop: commits it and
+  // goes on from the map after it. `scales`: by how much lengths around keyframes have grown, 1 for those not named.
+  absl::StatusOr<std::shared_ptr<const map::Snapshot>> CommitCorrection(
+      map::Delta delta, const std::unordered_map<KeyframeId, double>& scales);
+
+  // The keyframes of map() by their words; null without a vocabulary.
+  const tracking::PlaceDatabase* places() const;
 
   // The map after the last commit.
   const std::shared_ptr<const map::Snapshot>& map() const;

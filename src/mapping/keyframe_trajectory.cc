@@ -103,6 +103,15 @@ void KeyframeTrajectory::Reattach(KeyframeId culled, KeyframeId heir, const SE3&
   }
 }
 
+void KeyframeTrajectory::Rescale(const std::unordered_map<KeyframeId, double>& scales) {
+  for (Entry& entry : entries_) {
+    const auto scale = scales.find(entry.reference);
+    if (!entry.reference || scale == scales.end()) continue;
+    entry.reference_from_camera = Scaled(entry.reference_from_camera, scale->second);
+    entry.map_per_direct *= scale->second;
+  }
+}
+
 std::vector<TrajectoryKeyframe> KeyframeTrajectory::Resolve(const map::Snapshot& map) const {
   std::vector<TrajectoryKeyframe> resolved(entries_.size());
   for (std::size_t i = 0; i < entries_.size(); ++i) {

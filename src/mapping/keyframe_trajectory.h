@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <unordered_map>
 #include <vector>
 
 #include "base/time.h"
@@ -54,6 +55,9 @@ class KeyframeTrajectory {
   // Hangs everything that refers to `culled` on `heir` instead; both are still in `map` (as they were before the
   // culling).
   void Reattach(KeyframeId culled, KeyframeId heir, const SE3& heir_from_culled);
+
+  // Lengths in the map around these keyframes have grown by the factors given: what hangs on them goes along.
+  void Rescale(const std::unordered_map<KeyframeId, double>& scales);
 
   // One per entry, in temporal order. Entries without a reference get their pose from the refined keyframes of their
   // segment around them, by scaled direct motion; between two of them the difference is spread evenly over time.

@@ -54,6 +54,8 @@ class RelativeScale {
 
   // One call per keyframe refined against the map, with whatever was measured there.
   void Update(const std::optional<ScaleMeasurement>& from_depths, const std::optional<ScaleMeasurement>& from_centres);
+  // The map around here has grown by this factor; what was measured still holds.
+  void Rescale(double factor) { scale_ *= factor; }
   // A new world on the direct side, or a new start: nothing of before counts.
   void Reset(double scale);
 

@@ -1,0 +1,77 @@
+#include "engine/loop_runner.h"
+
+#include <utility>
+
+#include "map/edit.h"
+
+namespace cairn::engine {
+
+absl::StatusOr<std::unique_ptr<LoopRunner>> LoopRunner::Create(const mapping::LoopOptions& options,
+                                                               bool in_background) {
+  CAIRN_ASSIGN_OR_RETURN(mapping::LoopCloser closer, mapping::LoopCloser::Create(options));
+  return std::unique_ptr<LoopRunner>(new LoopRunner(std::move(closer), in_background));
+}
+
+LoopRunner::~LoopRunner() {
+  stop_ = true;
+  Join();
+}
+
+void LoopRunner::Join() {
+  if (thread_.joinable()) thread_.join();
+}
+
+absl::Status LoopRunner::AfterPacket(const mapping::KeyframeReport& packet, mapping::FeatureMapper* mapper) {
+  CAIRN_RETURN_IF_ERROR(MergeIfDone(mapper));
+  if (!packet.inserted || mapper->places() == nullptr) return absl::OkStatus();
+  const auto commit = [mapper](map::Delta delta, const mapping::KeyframeScales& scales) {
+    return mapper->CommitCorrection(std::move(delta), scales);
+  };
+  CAIRN_ASSIGN_OR_RETURN(mapping::LoopReport report,
+                         closer_.Process(mapper->map(), *mapper->places(), packet.keyframe, commit));
+  search_ms_.push_back(static_cast<float>(report.detect_ms + report.verify_ms));
+  if (!report.closed) return absl::OkStatus();
+  loops_.push_back(std::move(report));
+  return StartAdjustment(mapper);
+}
+
+absl::Status LoopRunner::StartAdjustment(mapping::FeatureMapper* mapper) {
+  // One that is under way is about the map before this loop.
+  stop_ = true;
+  Join();
+  stop_ = false;
+  done_ = false;
+  adjustment_.reset();
+  if (in_background_) {
+    thread_ = std::thread([this, map = mapper->map()] { Compute(map); });
+    return absl::OkStatus();
+  }
+  Compute(mapper->map());
+  return MergeIfDone(mapper);
+}
+
+void LoopRunner::Compute(std::shared_ptr<const map::Snapshot> map) {
+  mapping::FullAdjustmentOptions options;
+  options.stop = &stop_;
+  adjustment_ = mapping::ComputeFullAdjustment(*map, options);
+  done_ = true;
+}
+
+absl::Status LoopRunner::MergeIfDone(mapping::FeatureMapper* mapper) {
+  if (!done_) return absl::OkStatus();
+  Join();
+  done_ = false;
+  const absl::StatusOr<mapping::FullAdjustment> adjustment = *std::exchange(adjustment_, std::nullopt);
+  // A map that could not be adjusted is as good as before.
+  if (!adjustment.ok() || adjustment->interrupted) return absl::OkStatus();
+  map::Edit edit(mapper->map());
+  mapping::MergeFullAdjustment(*adjustment, edit);
+  return mapper->CommitCorrection(edit.Finish("full bundle adjustment"), {}).status();
+}
+
+absl::Status LoopRunner::Finish(mapping::FeatureMapper* mapper) {
+  Join();
+  return MergeIfDone(mapper);
+}
+
+}  // namespace cairn::engine

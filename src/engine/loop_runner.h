@@ -1,0 +1,57 @@
+// Loop closing within a session: after each keyframe of the feature module the search for a loop, and after a loop the
+// bundle adjustment of the whole map, in a thread of its own or, in deterministic mode, at once. The adjustment reads a
+// snapshot, is cut short by the next loop, and is merged into what the map has become meanwhile. Every change goes
+// through the feature module, so there is one writer still.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "base/status.h"
+#include "mapping/feature_mapper.h"
+#include "mapping/full_adjustment.h"
+#include "mapping/loop_closer.h"
+
+namespace cairn::engine {
+
+class LoopRunner {
+ public:
+  static absl::StatusOr<std::unique_ptr<LoopRunner>> Create(const mapping::LoopOptions& options, bool in_background);
+  ~LoopRunner();
+  LoopRunner(const LoopRunner&) = delete;
+  LoopRunner& operator=(const LoopRunner&) = delete;
+
+  // In the mapping thread, after each packet. Does nothing without a vocabulary.
+  absl::Status AfterPacket(const mapping::KeyframeReport& packet, mapping::FeatureMapper* mapper);
+  // At the end of the stream: waits for the adjustment and merges it.
+  absl::Status Finish(mapping::FeatureMapper* mapper);
+
+  // Loops closed, in order.
+  const std::vector<mapping::LoopReport>& loops() const { return loops_; }
+  // Time of every search, in milliseconds.
+  const std::vector<float>& search_ms() const { return search_ms_; }
+
+ private:
+  LoopRunner(mapping::LoopCloser closer, bool in_background)
+      : closer_(std::move(closer)), in_background_(in_background) {}
+
+  absl::Status StartAdjustment(mapping::FeatureMapper* mapper);
+  void Compute(std::shared_ptr<const map::Snapshot> map);
+  absl::Status MergeIfDone(mapping::FeatureMapper* mapper);
+  void Join();
+
+  mapping::LoopCloser closer_;
+  const bool in_background_;
+  std::vector<mapping::LoopReport> loops_;
+  std::vector<float> search_ms_;
+
+  std::thread thread_;
+  std::atomic<bool> stop_ = false;
+  std::atomic<bool> done_ = false;  // adjustment_ is there and belongs to the mapping thread
+  std::optional<absl::StatusOr<mapping::FullAdjustment>> adjustment_;  // the thread's until then
+};
+
+}  // namespace cairn::engine
