@@ -99,12 +99,17 @@ class Office(unittest.TestCase):
         info = must('info', killed)
         self.assertGreaterEqual(info['keyframes'], 1)
 
-    def test_bad_input_has_its_exit_code_and_says_what_to_do(self):
-        bad = self.folder / 'bad.cairn'
+    def damaged_copy(self, name, at_share):
         content = bytearray(self.map.read_bytes())
-        for at in range(len(content) // 3, len(content) // 3 + 20000):
-            content[at] ^= 0xFF
-        bad.write_bytes(content)
+        start = int(len(content) * at_share)
+        content[start:start + 20000] = bytes(byte ^ 0xFF for byte in content[start:start + 20000])
+        (self.folder / name).write_bytes(content)
+        return self.folder / name
+
+    def test_bad_input_has_its_exit_code_and_says_what_to_do(self):
+        # The vocabulary comes first in the file, the keyframes after it.
+        bad_vocabulary = self.damaged_copy('bad_vocabulary.cairn', at_share=0.2)
+        bad = self.damaged_copy('bad.cairn', at_share=0.85)
         text = self.folder / 'text.cairn'
         text.write_text('not a map\n')
         for code, message, arguments in [
@@ -113,7 +118,8 @@ class Office(unittest.TestCase):
                 (1, '', ('info', self.folder / 'missing.cairn')),
                 (1, '', ('info', text)),
                 (3, '', ('info', bad)),
-                (3, '', ('localize', self.second, '--map', bad, '--independent'))]:
+                (3, '', ('localize', self.second, '--map', bad, '--independent')),
+                (3, '', ('localize', self.second, '--map', bad_vocabulary, '--independent'))]:
             answer = cairn(*arguments)
             self.assertEqual(answer.code, code, answer.out + answer.err)
             self.assertIn(message, answer.json['error'])
