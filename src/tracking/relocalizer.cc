@@ -264,8 +264,14 @@ absl::StatusOr<Relocalization> TryGroup(const Query& query, const Group& group, 
   return attempt;
 }
 
-// Which of two misses got further.
-bool Further(const Relocalization& a, const Relocalization& b) {
+// Beyond doubt: enough inliers nearly everywhere where points should be in view. An answer that is accepted with less
+// may be one of several; then the other groups are tried, too.
+bool IsStrong(const RelocalizationCounts& counts, const RelocalizerOptions& options) {
+  return counts.inliers >= options.min_inliers && counts.cells >= options.strong_support * counts.visible_cells;
+}
+
+// Which of two attempts is better, or got further.
+bool Better(const Relocalization& a, const Relocalization& b) {
   if (a.stage != b.stage) return a.stage > b.stage;
   if (a.counts.inliers != b.counts.inliers) return a.counts.inliers > b.counts.inliers;
   if (a.counts.pnp_inliers != b.counts.pnp_inliers) return a.counts.pnp_inliers > b.counts.pnp_inliers;
@@ -294,6 +300,8 @@ absl::Status RelocalizerOptions::Validate() const {
   }
   if (min_inliers < min_inliers_with_support) return bad("min_inliers must not be below min_inliers_with_support");
   if (!(min_support >= 0.0 && min_support <= 1.0)) return bad("min_support must be in [0, 1]");
+  if (!(strong_support >= min_support && strong_support <= 1.0))
+    return bad("strong_support must be in [min_support, 1]");
   if (!(max_position_sigma > 0.0)) return bad("max_position_sigma must be positive");
   if (!(max_rotation_sigma_deg > 0.0)) return bad("max_rotation_sigma_deg must be positive");
   ProjectionOptions projection;
@@ -344,8 +352,8 @@ absl::StatusOr<Relocalization> Relocalizer::Relocalize(const map::Snapshot& map,
   best.stage = RelocalizationStage::kCandidates;
   for (std::size_t i = 0; i < groups.size(); ++i) {
     CAIRN_ASSIGN_OR_RETURN(Relocalization attempt, TryGroup(query, groups[i], i, options_, counts));
-    if (attempt.localized) return attempt;
-    if (i == 0 || Further(attempt, best)) best = std::move(attempt);
+    if (attempt.localized && IsStrong(attempt.counts, options_)) return attempt;
+    if (i == 0 || Better(attempt, best)) best = std::move(attempt);
   }
   return best;
 }

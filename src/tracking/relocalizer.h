@@ -28,7 +28,7 @@ struct RelocalizerOptions {
   int min_features = 30;
   int max_candidate_keyframes = 40;  // that share words, best score first
   int max_groups = 6;                // covisibility groups tried
-  int group_size = 12;               // keyframes of a group: the candidate and its best covisible ones
+  int group_size = 8;                // keyframes of a group: the candidate and its best covisible ones
   double min_group_score = 0.5;      // share of the best group's score below which groups are not tried
 
   // Matches and PnP.
@@ -42,8 +42,8 @@ struct RelocalizerOptions {
   double guided_max_ratio = 0.9;
   double guided_max_viewing_angle_deg = 75.0;
   double guided_distance_slack = 1.5;
-  int descriptors_per_point = 8;  // of its observations, compared with each feature near its projection
-  LocalMapOptions local_map{.max_keyframes = 40, .neighbours_per_keyframe = 5, .tree_neighbours = true};
+  int descriptors_per_point = 5;  // of its observations, compared with each feature near its projection
+  LocalMapOptions local_map{.max_keyframes = 20, .neighbours_per_keyframe = 5, .tree_neighbours = true};
 
   // Acceptance. A pose needs inliers, spread over the image: an object that moved, or has a twin elsewhere, gives many
   // inliers in one place. Less of both is enough if the inliers are nearly everywhere where points should be in view.
@@ -52,6 +52,7 @@ struct RelocalizerOptions {
   double min_support = 0.4;  // of the cells with visible points that hold inliers; from here on the next two apply
   int min_inliers_with_support = 25;
   int min_cells_with_support = 8;
+  double strong_support = 0.45;      // likewise; below it the other groups are tried, too, and the most inliers win
   double max_position_sigma = 0.02;  // standard deviation of the position, as share of the median depth of the inliers
   double max_rotation_sigma_deg = 0.6;
 
