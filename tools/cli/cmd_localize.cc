@@ -179,13 +179,18 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, api::Locali
 }
 
 absl::StatusOr<int> Localize(const LocalizeOptions& options) {
+  std::error_code error;
+  const bool photo = std::filesystem::is_regular_file(options.input.sequence, error);
+  if (!photo && !options.independent) {
+    return absl::InvalidArgumentError(
+        "give --independent: each image is located on its own; tracking from image to image against a fixed map is not "
+        "part of this version");
+  }
   for (const std::string* output : {&options.out, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::LocalLocalizer> localizer,
                          client::LocalLocalizer::Open(options.map));
-  std::error_code error;
-  const bool photo = std::filesystem::is_regular_file(options.input.sequence, error);
   return photo ? LocalizePhoto(options, *localizer) : LocalizeSequence(options, *localizer);
 }
 
@@ -199,7 +204,7 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   verb->add_option("--out", options->out, "Write the poses found to this file (TUM format)");
   verb->add_option("--picture", options->picture, "Draw the map and the cameras found to this .png or .svg file");
   verb->add_flag("--independent", options->independent,
-                 "Locate each image on its own, without help from the ones before it");
+                 "Locate each image on its own, without help from the ones before it (needed for a sequence)");
   verb->add_flag("--verbose", options->verbose, "Print the answer for each image");
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
