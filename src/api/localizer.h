@@ -3,11 +3,10 @@
 
 #include <array>
 #include <cstdint>
+#include <opencv2/core.hpp>
 #include <optional>
 #include <string>
 #include <vector>
-
-#include <opencv2/core.hpp>
 
 #include "base/ids.h"
 #include "base/status.h"
@@ -18,8 +17,8 @@
 namespace cairn::api {
 
 struct LocalizeQuery {
-  cv::Mat image;   // CV_8UC1, raw as the camera gives it
-  Camera camera;   // of that image
+  cv::Mat image;  // CV_8UC1, raw as the camera gives it
+  Camera camera;  // of that image
   TimeNs time_ns = 0;
 };
 
@@ -30,11 +29,11 @@ const char* LocalizeStageName(LocalizeStage stage);
 // What each stage had to work with, of the candidate that got furthest.
 struct LocalizeCounts {
   int features = 0;
-  int candidates = 0;     // keyframes that share enough words
+  int candidates = 0;  // keyframes that share enough words
   int word_matches = 0;
   int pnp_inliers = 0;
   int guided_matches = 0;
-  int inliers = 0;        // after refinement
+  int inliers = 0;  // after refinement
 };
 
 struct LocalizeAnswer {
@@ -46,13 +45,13 @@ struct LocalizeAnswer {
   SE3 map_from_camera;
   // The pose in the world frame; the same as map_from_camera while the map is not aligned.
   SE3 world_from_camera;
-  bool world_is_metric = false;                    // the map has been aligned
+  bool world_is_metric = false;  // the map has been aligned
   // Of (translation, rotation) as a left increment of map_from_camera, in map units and radians, from the refinement.
   Matrix6d covariance = Matrix6d::Zero();
 
   std::string map_id;
   Revision revision = 0;
-  KeyframeId reference_keyframe;                   // the one that shares most points
+  KeyframeId reference_keyframe;  // the one that shares most points
   double extract_ms = 0.0;
   double locate_ms = 0.0;
 };
@@ -62,7 +61,8 @@ class Localizer {
  public:
   virtual ~Localizer() = default;
 
-  // A miss is an answer, not an error. Errors: InvalidArgument (bad image or camera), Unavailable (no server), DataLoss.
+  // A miss is an answer, not an error. Errors: InvalidArgument (bad image or camera), Unavailable (no server),
+  // DataLoss.
   virtual absl::StatusOr<LocalizeAnswer> Localize(const LocalizeQuery& query) = 0;
 };
 

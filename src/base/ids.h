@@ -1,5 +1,5 @@
-// Typed ids: a KeyframeId cannot be passed where a PointId is meant. Ids are dense positive integers given out by the map;
-// 0 is "none". They are stable for the life of a map file and never reused.
+// Typed ids: a KeyframeId cannot be passed where a PointId is meant. Ids are dense positive integers given out by the
+// map; 0 is "none". They are stable for the life of a map file and never reused.
 #pragma once
 
 #include <compare>

@@ -19,8 +19,8 @@ inline absl::Status Annotate(const absl::Status& status, absl::string_view conte
 
 }  // namespace cairn
 
-#define CAIRN_RETURN_IF_ERROR(expression)                       \
-  do {                                                          \
+#define CAIRN_RETURN_IF_ERROR(expression)                                                  \
+  do {                                                                                     \
     if (absl::Status cairn_status = (expression); !cairn_status.ok()) return cairn_status; \
   } while (false)
 

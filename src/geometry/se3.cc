@@ -85,9 +85,7 @@ Matrix3d LeftJacobianSO3(const Vector3d& w_rad) {
   return Matrix3d::Identity() + b * hat + c * hat * hat;
 }
 
-double AngleRad(const Quaterniond& rotation) {
-  return 2.0 * std::atan2(rotation.vec().norm(), std::abs(rotation.w()));
-}
+double AngleRad(const Quaterniond& rotation) { return 2.0 * std::atan2(rotation.vec().norm(), std::abs(rotation.w())); }
 
 SE3 SE3::Exp(const Vector6d& tangent) {
   const Vector3d w = tangent.tail<3>();

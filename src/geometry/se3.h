@@ -1,8 +1,8 @@
 // Rigid and similarity transforms. `a_from_b` takes a point in frame b to frame a: point_a = a_from_b * point_b.
 //
-// Tangent vectors are (translation, rotation[, log scale]) and increments act from the left: x [+] T = Exp(x) T, as in the
-// paper (Sec. III). Formulas: Eade, "Lie groups for 2D and 3D transformations" (2013); Strasdat, "Local accuracy and global
-// consistency for efficient visual SLAM" (PhD thesis, 2012), for the similarity group.
+// Tangent vectors are (translation, rotation[, log scale]) and increments act from the left: x [+] T = Exp(x) T, as in
+// the paper (Sec. III). Formulas: Eade, "Lie groups for 2D and 3D transformations" (2013); Strasdat, "Local accuracy
+// and global consistency for efficient visual SLAM" (PhD thesis, 2012), for the similarity group.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,5 +1,5 @@
-// The only way a map changes. The same Delta is applied to the Snapshot in memory, committed to the file as one transaction,
-// streamed to followers and drawn by viewers.
+// The only way a map changes. The same Delta is applied to the Snapshot in memory, committed to the file as one
+// transaction, streamed to followers and drawn by viewers.
 #pragma once
 
 #include <memory>
@@ -12,15 +12,15 @@
 namespace cairn::map {
 
 struct Delta {
-  Revision base = 0;    // the revision that this changes; the result is base + 1
-  std::string reason;   // for people: "insert keyframe 12", "local bundle adjustment"
+  Revision base = 0;   // the revision that this changes; the result is base + 1
+  std::string reason;  // for people: "insert keyframe 12", "local bundle adjustment"
 
-  std::optional<MapInfo> info;        // replaces the map's
-  std::vector<MapCamera> cameras;     // added or replaced
-  std::vector<Session> sessions;      // added or replaced
+  std::optional<MapInfo> info;                             // replaces the map's
+  std::vector<MapCamera> cameras;                          // added or replaced
+  std::vector<Session> sessions;                           // added or replaced
   std::vector<std::shared_ptr<const Keyframe>> keyframes;  // added or replaced, ascending by id
   std::vector<KeyframeId> removed_keyframes;
-  std::vector<std::shared_ptr<const MapPoint>> points;     // added or replaced, ascending by id
+  std::vector<std::shared_ptr<const MapPoint>> points;  // added or replaced, ascending by id
   std::vector<PointId> removed_points;
   // The next free ids after this change; ids are never used twice.
   KeyframeId next_keyframe{1};

@@ -1,5 +1,5 @@
-// What a map is made of. Entities refer to each other by id; each is a value that never changes once it is in a Snapshot.
-// Frame "map" is the map's own: its scale and origin are arbitrary until `world_from_map` is set.
+// What a map is made of. Entities refer to each other by id; each is a value that never changes once it is in a
+// Snapshot. Frame "map" is the map's own: its scale and origin are arbitrary until `world_from_map` is set.
 #pragma once
 
 #include <cstdint>
@@ -29,14 +29,14 @@ struct MapCamera {
 struct Session {
   SessionId id;
   CameraId camera;
-  std::string source;            // the sequence's name, not its path
+  std::string source;  // the sequence's name, not its path
   std::string software_version;
-  std::string settings_json;     // every option that differs from the software's defaults, and the seed
-  TimeNs first_ns = 0;           // of the images
+  std::string settings_json;  // every option that differs from the software's defaults, and the seed
+  TimeNs first_ns = 0;        // of the images
   TimeNs last_ns = 0;
   std::int64_t started_unix_ns = 0;  // wall clock; 0 in deterministic runs
   std::int64_t ended_unix_ns = 0;
-  bool complete = false;         // false: the session is running, or was cut off
+  bool complete = false;  // false: the session is running, or was cut off
   bool operator==(const Session&) const = default;
 };
 
@@ -58,15 +58,15 @@ struct Keyframe {
   SessionId session;
   CameraId camera;
   TimeNs time_ns = 0;
-  std::int64_t frame_index = 0;    // in its session's sequence
-  SE3 camera_from_map;             // refined by the feature module
-  SE3 camera_from_direct;          // as the direct module left it, in the odometry's own world
-  std::int64_t direct_segment = 0; // which start of the odometry that world belongs to; -1: poses were given
+  std::int64_t frame_index = 0;     // in its session's sequence
+  SE3 camera_from_map;              // refined by the feature module
+  SE3 camera_from_direct;           // as the direct module left it, in the odometry's own world
+  std::int64_t direct_segment = 0;  // which start of the odometry that world belongs to; -1: poses were given
   std::shared_ptr<const KeyframeFeatures> features;
-  std::vector<PointId> points;     // per feature: the point it observes, or none
-  KeyframeId parent;               // in the spanning tree; none at its root
-  std::vector<KeyframeId> children;               // ascending; the inverse of `parent`
-  std::vector<CovisibilityEdge> covisible;        // most shared points first, then by id; symmetric
+  std::vector<PointId> points;              // per feature: the point it observes, or none
+  KeyframeId parent;                        // in the spanning tree; none at its root
+  std::vector<KeyframeId> children;         // ascending; the inverse of `parent`
+  std::vector<CovisibilityEdge> covisible;  // most shared points first, then by id; symmetric
 
   Vector3d CenterInMap() const { return camera_from_map.Inverse().translation(); }
   const std::vector<image::Keypoint>& keypoints() const { return features->features.keypoints; }
@@ -81,27 +81,27 @@ struct Observation {
 
 struct MapPoint {
   PointId id;
-  Vector3d position = Vector3d::Zero();     // in the map frame
-  std::vector<Observation> observations;    // ascending by keyframe; at most one per keyframe
-  int times_visible = 1;                    // how often it was expected in a keyframe, and how often found there
+  Vector3d position = Vector3d::Zero();   // in the map frame
+  std::vector<Observation> observations;  // ascending by keyframe; at most one per keyframe
+  int times_visible = 1;                  // how often it was expected in a keyframe, and how often found there
   int times_found = 1;
 
   // Derived from the observations by map::Edit; kept here because matching reads them all the time.
-  Observation reference;                    // the observation closest to all others; gives the descriptor
+  Observation reference;  // the observation closest to all others; gives the descriptor
   image::Descriptor descriptor{};
   Eigen::Vector3f mean_view_direction = Eigen::Vector3f::Zero();  // unit, from the cameras to the point
-  float min_distance = 0.0f;                // in which the point can be found at some pyramid level
+  float min_distance = 0.0f;  // in which the point can be found at some pyramid level
   float max_distance = 0.0f;
 };
 
 // What belongs to the map as a whole.
 struct MapInfo {
-  std::string id;                    // 32 hex digits, fixed at creation
+  std::string id;  // 32 hex digits, fixed at creation
   std::string name;
-  std::string software_version;      // that created it
-  std::int64_t created_unix_ns = 0;  // 0 in deterministic runs
-  image::OrbParameters orb;          // of every keyframe
-  std::uint64_t vocabulary_hash = 0; // 0: none
+  std::string software_version;       // that created it
+  std::int64_t created_unix_ns = 0;   // 0 in deterministic runs
+  image::OrbParameters orb;           // of every keyframe
+  std::uint64_t vocabulary_hash = 0;  // 0: none
   std::optional<Sim3> world_from_map;
 };
 

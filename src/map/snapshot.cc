@@ -22,7 +22,8 @@ absl::Status CheckKeyframe(const Snapshot& map, const Keyframe& keyframe) {
   for (std::uint32_t i = 0; i < keyframe.points.size(); ++i) {
     if (!keyframe.points[i]) continue;
     const MapPoint* point = map.points().Find(keyframe.points[i]);
-    if (point == nullptr) return Broken(absl::StrCat(Name(keyframe.id), " observes missing ", Name(keyframe.points[i])));
+    if (point == nullptr)
+      return Broken(absl::StrCat(Name(keyframe.id), " observes missing ", Name(keyframe.points[i])));
     const Observation observation{keyframe.id, i};
     if (!std::binary_search(point->observations.begin(), point->observations.end(), observation)) {
       return Broken(absl::StrCat(Name(point->id), " does not know that ", Name(keyframe.id), " observes it"));
@@ -42,9 +43,10 @@ absl::Status CheckKeyframe(const Snapshot& map, const Keyframe& keyframe) {
   for (const CovisibilityEdge& edge : keyframe.covisible) {
     const Keyframe* other = map.keyframes().Find(edge.keyframe);
     const CovisibilityEdge back{keyframe.id, edge.shared_points};
-    if (other == nullptr || std::find(other->covisible.begin(), other->covisible.end(), back) == other->covisible.end()) {
-      return Broken(absl::StrCat("the covisibility of ", Name(keyframe.id), " and ", Name(edge.keyframe),
-                                 " is not symmetric"));
+    if (other == nullptr ||
+        std::find(other->covisible.begin(), other->covisible.end(), back) == other->covisible.end()) {
+      return Broken(
+          absl::StrCat("the covisibility of ", Name(keyframe.id), " and ", Name(edge.keyframe), " is not symmetric"));
     }
   }
   return absl::OkStatus();
@@ -57,8 +59,8 @@ absl::Status CheckPoint(const Snapshot& map, const MapPoint& point) {
     const Keyframe* keyframe = map.keyframes().Find(observation.keyframe);
     if (keyframe == nullptr || observation.feature >= keyframe->points.size() ||
         keyframe->points[observation.feature] != point.id) {
-      return Broken(absl::StrCat(Name(point.id), " has an observation that ", Name(observation.keyframe),
-                                 " does not share"));
+      return Broken(
+          absl::StrCat(Name(point.id), " has an observation that ", Name(observation.keyframe), " does not share"));
     }
   }
   if (!std::binary_search(point.observations.begin(), point.observations.end(), point.reference)) {

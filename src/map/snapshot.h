@@ -56,8 +56,9 @@ class Snapshot {
   PointId next_point_{1};
 };
 
-// The covisible keyframes with at least `min_shared` points in common, best first, at most `max_count` (0: all). If none
-// reaches `min_shared`, the best one there is.
-std::vector<KeyframeId> BestCovisible(const Keyframe& keyframe, int max_count = 0, int min_shared = kMinCovisiblePoints);
+// The covisible keyframes with at least `min_shared` points in common, best first, at most `max_count` (0: all). If
+// none reaches `min_shared`, the best one there is.
+std::vector<KeyframeId> BestCovisible(const Keyframe& keyframe, int max_count = 0,
+                                      int min_shared = kMinCovisiblePoints);
 
 }  // namespace cairn::map

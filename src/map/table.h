@@ -1,7 +1,9 @@
-// A persistent table from dense ids to immutable values. Copying a table is O(1) and the copy never changes; a change costs
-// O(log32 n) whatever the size. This is what makes a map::Snapshot cheap to publish and safe to read without locks.
+// A persistent table from dense ids to immutable values. Copying a table is O(1) and the copy never changes; a change
+// costs O(log32 n) whatever the size. This is what makes a map::Snapshot cheap to publish and safe to read without
+// locks.
 //
-// A radix tree with 32 children per node, in the manner of Bagwell, "Ideal hash trees" (2001), without hashing as ids are dense.
+// A radix tree with 32 children per node, in the manner of Bagwell, "Ideal hash trees" (2001), without hashing as ids
+// are dense.
 #pragma once
 
 #include <array>
