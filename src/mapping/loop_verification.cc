@@ -17,6 +17,7 @@ namespace {
 using optimization::Sim3Match;
 
 constexpr int kCells = 8;
+constexpr double kSampleTolerance = 9.0;  // of chi-square: three times the distance
 constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 
 // The camera that sees the map through a similarity: the image does not depend on the scale.
@@ -136,6 +137,8 @@ class Verifier {
     if (evidence_.word_matches < options_.min_sim3_inliers) return Reject("few matches by words");
     optimization::Sim3RansacOptions ransac;
     ransac.min_inliers = options_.min_sim3_inliers;
+    // Three points with errors of depth fit the others badly: what they are worth shows after refinement.
+    ransac.chi2_threshold = kSampleTolerance * optimization::kChiSquarePixel99;
     ransac.seed = (std::uint64_t{current_.id.value()} << 32) + loop_.id.value();
     const auto found = FindSim3(PinholeOf(current_), PinholeOf(loop_), matches, ransac);
     if (!found.ok()) return Reject("the matches by words agree on no similarity");
