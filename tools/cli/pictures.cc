@@ -10,8 +10,7 @@ namespace cairn::cli {
 absl::Status DrawMap(const map::Snapshot& map, const std::string& path, const std::vector<SE3>& queries) {
   const Sim3 world_from_map = map.info().world_from_map.value_or(Sim3());
   plot::MapFigure figure;
-  figure.title =
-      absl::StrCat(map.info().name, ": ", map.keyframes().size(), " keyframes, ", map.points().size(), " points");
+  figure.title = map.info().name;
   figure.metric = map.info().world_from_map.has_value();
   figure.queries = queries;
   map.points().ForEach([&](const auto& point) { figure.points_m.push_back(world_from_map * point->position); });
