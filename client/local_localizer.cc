@@ -105,6 +105,7 @@ void LocalLocalizer::FillPose(const tracking::Relocalization& found, api::Locali
   answer->covariance = found.covariance;
   answer->reference_keyframe = found.reference_keyframe;
   const auto& world_from_map = snapshot_->info().world_from_map;
+  if (world_from_map) answer->world_per_map = world_from_map->scale();
   answer->world_from_camera =
       world_from_map ? world_from_map->TransformPose(answer->map_from_camera) : answer->map_from_camera;
 }

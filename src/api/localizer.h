@@ -45,6 +45,7 @@ struct LocalizeAnswer {
   SE3 map_from_camera;
   // The pose in the world frame; the same as map_from_camera while the map is not aligned.
   SE3 world_from_camera;
+  double world_per_map = 1.0;    // scale of world_from_map
   bool world_is_metric = false;  // the map has been aligned
   // Of (translation, rotation) as a left increment of map_from_camera, in map units and radians, from the refinement.
   Matrix6d covariance = Matrix6d::Zero();

@@ -29,11 +29,14 @@ absl::StatusOr<std::unique_ptr<MapWriter>> MapWriter::Open(const std::string& pa
 }
 
 absl::Status MapWriter::CreateFile() {
+  std::error_code error;
+  const bool replaces = options_.overwrite && std::filesystem::exists(path_, error);
+  file_path_ = replaces ? path_ + ".new" : path_;
   store::CreateOptions create;
   create.overwrite = options_.overwrite;
   create.vocabulary = options_.vocabulary;
   create.write.record_wall_clock = options_.record_wall_clock;
-  CAIRN_ASSIGN_OR_RETURN(auto file, store::MapFile::Create(path_, initial_->info(), create));
+  CAIRN_ASSIGN_OR_RETURN(auto file, store::MapFile::Create(file_path_, initial_->info(), create));
   for (const map::Delta& delta : waiting_) CAIRN_RETURN_IF_ERROR(file->Commit(delta));
   waiting_.clear();
   options_.vocabulary.clear();
@@ -53,6 +56,30 @@ absl::StatusOr<std::shared_ptr<const map::Snapshot>> MapWriter::Commit(const map
   std::lock_guard lock(mutex_);
   current_ = next;
   return next;
+}
+
+absl::Status MapWriter::Close() {
+  if (!file_) return absl::OkStatus();
+  CAIRN_RETURN_IF_ERROR(file_->Close());
+  if (file_path_.empty() || file_path_ == path_) return absl::OkStatus();
+  return Replace();
+}
+
+absl::Status MapWriter::Replace() {
+  // A write-ahead log that a killed writer left would be taken for the new map's: fold it into the old map first.
+  std::error_code error;
+  if (std::filesystem::exists(path_ + "-wal", error)) {
+    absl::StatusOr<std::unique_ptr<store::MapFile>> old = store::MapFile::Open(path_);
+    if (old.ok()) CAIRN_RETURN_IF_ERROR((*old)->Close());
+    std::filesystem::remove(path_ + "-wal", error);
+    std::filesystem::remove(path_ + "-shm", error);
+  }
+  std::filesystem::rename(file_path_, path_, error);
+  if (error) {
+    return store::MakeFault(store::Fault::kIo, absl::StrCat("cannot replace ", path_, " (", error.message(),
+                                                            "): the new map is complete in ", file_path_));
+  }
+  return absl::OkStatus();
 }
 
 std::shared_ptr<const map::Snapshot> MapWriter::Current() const {

@@ -29,6 +29,10 @@ class MapWriter {
   // An existing map, to be changed further.
   static absl::StatusOr<std::unique_ptr<MapWriter>> Open(const std::string& path);
 
+  // Closes the file; a map that was to be overwritten is replaced now, in one step. Current() stays. Until then the new
+  // map is beside it, in `path`.new, so that a killed run loses neither.
+  absl::Status Close();
+
   // One call at a time. The map in memory, the file and the published snapshot change together or not at all.
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> Commit(const map::Delta& delta);
 
@@ -41,8 +45,10 @@ class MapWriter {
  private:
   MapWriter() = default;
   absl::Status CreateFile();
+  absl::Status Replace();
 
   std::string path_;
+  std::string file_path_;  // where the file is written: `path_`, or beside it
   CreateOptions options_;
   std::unique_ptr<store::MapFile> file_;
   std::shared_ptr<const map::Snapshot> initial_;

@@ -20,7 +20,7 @@ double NowSeconds() {
 int ExitCodeOf(const absl::Status& status) {
   if (status.ok()) return kOk;
   if (store::IsDamaged(status)) return kDamagedMap;
-  if (store::IsNewerVersion(status)) return kVersion;
+  if (store::IsNewerVersion(status)) return kNewerVersion;
   return kFailure;
 }
 
@@ -52,6 +52,30 @@ absl::Status CheckWritable(const std::string& path, bool overwrite) {
     return absl::NotFoundError(absl::StrCat("the folder of ", path, " does not exist: create it first"));
   }
   return absl::OkStatus();
+}
+
+absl::Status CheckDistinct(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs) {
+  std::vector<std::filesystem::path> taken;
+  std::error_code error;
+  for (const std::string& input : inputs) {
+    if (!input.empty()) taken.push_back(std::filesystem::weakly_canonical(input, error));
+  }
+  for (const std::string& output : outputs) {
+    if (output.empty()) continue;
+    const std::filesystem::path path = std::filesystem::weakly_canonical(output, error);
+    if (std::find(taken.begin(), taken.end(), path) != taken.end()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(output, " is named twice, or is an input: give each output a file of its own"));
+    }
+    taken.push_back(path);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckPicture(const std::string& path) {
+  const std::string extension = std::filesystem::path(path).extension().string();
+  if (path.empty() || extension == ".png" || extension == ".svg") return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(path, ": a picture's name has to end in .png or .svg"));
 }
 
 Progress::Progress(std::string label, std::int64_t total, bool quiet)

@@ -7,13 +7,14 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include "base/status.h"
 
 namespace cairn::cli {
 
 // Exit codes, as documented in the README.
-enum ExitCode { kOk = 0, kFailure = 1, kUsage = 2, kDamagedMap = 3, kNotLocalized = 4, kVersion = 5 };
+enum ExitCode { kOk = 0, kFailure = 1, kUsage = 2, kDamagedMap = 3, kNotLocalized = 4, kNewerVersion = 5 };
 
 using Action = std::function<int()>;
 
@@ -34,6 +35,12 @@ void PrintJson(const nlohmann::ordered_json& json);
 
 // OK if `path` may be written: it does not exist, or `overwrite`. The message names --overwrite.
 absl::Status CheckWritable(const std::string& path, bool overwrite);
+
+// InvalidArgument if two outputs are the same file, or an output is one of the inputs; empty names count for nothing.
+absl::Status CheckDistinct(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
+
+// InvalidArgument unless the name is empty or ends in .png or .svg.
+absl::Status CheckPicture(const std::string& path);
 
 // A bar that redraws itself on a terminal, and a plain line every tenth otherwise. Writes to standard error.
 class Progress {

@@ -16,6 +16,7 @@ struct AlignOptions {
   std::string map;
   std::string groundtruth;
   double max_dt_s = 0.02;
+  bool overwrite = false;
   bool json = false;
 };
 
@@ -23,6 +24,10 @@ absl::Status Align(const AlignOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const io::Trajectory truth, io::ReadTrajectory(options.groundtruth));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::MapWriter> writer, engine::MapWriter::Open(options.map));
   const std::shared_ptr<const map::Snapshot> map = writer->Current();
+  if (map->info().world_from_map && !options.overwrite) {
+    return absl::AlreadyExistsError(
+        absl::StrCat(options.map, " is aligned already: give --overwrite to align it anew"));
+  }
   std::vector<io::StampedPose> keyframes;
   map->keyframes().ForEach([&](const auto& keyframe) {
     keyframes.push_back({keyframe->time_ns, keyframe->camera_from_map.Inverse()});
@@ -40,6 +45,13 @@ absl::Status Align(const AlignOptions& options) {
     return Annotate(alignment.status(),
                     absl::StrCat(in_map.size(), " of ", keyframes.size(), " keyframes have a pose within ",
                                  options.max_dt_s, " s in ", options.groundtruth));
+  }
+  // Positions of another place or clock fit nowhere, and their scale is not determined.
+  constexpr double kMaxScaleUncertainty = 0.05;
+  if (alignment->scale_sigma > kMaxScaleUncertainty * alignment->a_from_b.scale()) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        "the keyframes do not fit ", options.groundtruth, ": the scale would be ", alignment->a_from_b.scale(), " +- ",
+        alignment->scale_sigma, "; the map is as it was. Is it the trajectory of the mapped sequence?"));
   }
   map::MapInfo info = map->info();
   info.world_from_map = alignment->a_from_b;
@@ -78,6 +90,7 @@ void AddAlignCommand(CLI::App& app, Action* action) {
       ->required();
   verb->add_option("--max-dt", options->max_dt_s, "Largest time difference of keyframe and reference, seconds")
       ->capture_default_str();
+  verb->add_flag("--overwrite", options->overwrite, "Replace an alignment that the map has");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer("Example:\n  cairn align office.cairn --groundtruth groundtruth.txt");
   verb->callback([=] {

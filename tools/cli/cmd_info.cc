@@ -134,6 +134,13 @@ absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
+  if (map->info().vocabulary_hash != 0) {
+    const absl::Status vocabulary = file->LoadVocabulary().status();
+    if (absl::IsNotFound(vocabulary)) {
+      return store::MakeFault(store::Fault::kDamaged, absl::StrCat(options.map, ": the vocabulary is missing"));
+    }
+    CAIRN_RETURN_IF_ERROR(vocabulary);
+  }
   std::error_code error;
   nlohmann::ordered_json info = Describe(*map, std::filesystem::file_size(options.map, error));
   if (options.digest) {

@@ -29,6 +29,13 @@ struct LocalizeOptions {
   bool json = false;
 };
 
+// Of the camera's centre in the world frame. The covariance is of a left increment, which turns about the origin.
+double PositionSigma(const api::LocalizeAnswer& answer) {
+  Eigen::Matrix<double, 3, 6> by_increment;
+  by_increment << Matrix3d::Identity(), -Hat(answer.map_from_camera.translation());
+  return answer.world_per_map * std::sqrt((by_increment * answer.covariance * by_increment.transpose()).trace());
+}
+
 nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::string& path, TimeNs time_ns) {
   nlohmann::ordered_json json = {{"image", path}, {"time_s", ToSeconds(time_ns)}, {"localized", answer.localized}};
   if (answer.localized) {
@@ -36,7 +43,7 @@ nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::stri
     const Quaterniond& q = answer.world_from_camera.rotation();
     json["position"] = {t.x(), t.y(), t.z()};
     json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
-    json["position_sigma"] = std::sqrt(answer.covariance.topLeftCorner<3, 3>().trace());
+    json["position_sigma"] = PositionSigma(answer);
     json["reference_keyframe"] = answer.reference_keyframe.value();
   } else {
     json["failed_stage"] = api::LocalizeStageName(answer.stage);
@@ -181,11 +188,18 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, api::Locali
 absl::StatusOr<int> Localize(const LocalizeOptions& options) {
   std::error_code error;
   const bool photo = std::filesystem::is_regular_file(options.input.sequence, error);
-  if (!photo && !options.independent) {
-    return absl::InvalidArgumentError(
-        "give --independent: each image is located on its own; tracking from image to image against a fixed map is not "
-        "part of this version");
+  if (!std::filesystem::exists(options.input.sequence, error)) {
+    return absl::NotFoundError(
+        absl::StrCat(options.input.sequence, " does not exist: name a photo or a sequence's folder"));
   }
+  if (!photo && !options.independent) {
+    std::cerr << "cairn localize: give --independent: each image is located on its own; tracking from image to image "
+                 "against a fixed map is not part of this version\n";
+    return kUsage;
+  }
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out, options.picture},
+                                      {options.map, options.input.open.camera_path, options.input.sequence}));
+  CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   for (const std::string* output : {&options.out, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }

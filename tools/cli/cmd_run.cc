@@ -1,6 +1,7 @@
 // cairn run: maps a sequence into a map file.
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 
@@ -44,6 +45,9 @@ absl::StatusOr<Prepared> Prepare(const RunOptions& options) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.map, options.overwrite));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.map, options.trajectory, options.keyframes, options.picture},
+                                      {options.input.open.camera_path, options.poses, options.vocabulary}));
+  CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
   CAIRN_ASSIGN_OR_RETURN(place::Vocabulary vocabulary, options.vocabulary.empty()
                                                            ? place::LoadDefaultVocabulary()
@@ -54,7 +58,7 @@ absl::StatusOr<Prepared> Prepare(const RunOptions& options) {
   map_info.id =
       engine::NewMapId(deterministic ? std::optional(absl::StrCat(info.name, info.first_time_ns)) : std::nullopt);
   map_info.name = options.name.empty() ? info.name : options.name;
-  map_info.software_version = kVersion;
+  map_info.software_version = cairn::kVersion;
   map_info.created_unix_ns = deterministic ? 0 : engine::UnixNowNs();
   map_info.vocabulary_hash = vocabulary.hash();
   if (!options.poses.empty()) map_info.world_from_map = Sim3();
@@ -66,12 +70,15 @@ absl::StatusOr<Prepared> Prepare(const RunOptions& options) {
   session_source.camera = info.camera;
   session_source.photometric = info.photometric;
   session_source.first_ns = info.first_time_ns;
-  const nlohmann::ordered_json settings = {{"format", std::string(io::SequenceFormatName(info.format))},
-                                           {"from_s", options.input.open.from_s},
-                                           {"stride", options.input.open.stride},
-                                           {"deterministic", deterministic},
-                                           {"full_resolution", options.session.odometry.full_resolution},
-                                           {"poses_given", !options.poses.empty()}};
+  const nlohmann::ordered_json settings = {
+      {"format", std::string(io::SequenceFormatName(info.format))},
+      {"from_s", options.input.open.from_s},
+      {"until_s",
+       std::isfinite(options.input.open.until_s) ? nlohmann::ordered_json(options.input.open.until_s) : nullptr},
+      {"stride", options.input.open.stride},
+      {"deterministic", deterministic},
+      {"full_resolution", options.session.odometry.full_resolution},
+      {"poses_given", !options.poses.empty()}};
   session_source.settings_json = settings.dump();
   return Prepared{std::move(source), std::move(vocabulary), std::move(writer), std::move(session_source)};
 }
@@ -190,6 +197,7 @@ absl::Status MapSequence(const RunOptions& options) {
   for (const engine::FramePose& frame : report.frame_poses) {
     if (frame.map_from_camera) frame_poses.emplace_back(frame.time_ns, *frame.map_from_camera);
   }
+  CAIRN_RETURN_IF_ERROR(prepared.writer->Close());
   CAIRN_RETURN_IF_ERROR(WriteOutputs(options, *prepared.writer->Current(), frame_poses));
   PrintReport(options, report, info, skipped.count(), elapsed_s);
   return absl::OkStatus();
@@ -229,6 +237,7 @@ absl::Status MapStills(const RunOptions& options) {
   CAIRN_RETURN_IF_ERROR(read);
   progress.Finish();
   CAIRN_ASSIGN_OR_RETURN(const mapping::PosedMapperReport report, session->Finish());
+  CAIRN_RETURN_IF_ERROR(prepared.writer->Close());
   const std::shared_ptr<const map::Snapshot> map = prepared.writer->Current();
   CAIRN_RETURN_IF_ERROR(WriteOutputs(options, *map, MapKeyframePoses(*map)));
   if (options.json) {

@@ -16,9 +16,14 @@ void AddInputOptions(CLI::App* verb, InputOptions* options) {
   verb->add_option("--format", options->format, "Format of the sequence, if it is not recognized")
       ->check(CLI::IsMember({"auto", "euroc", "tum_rgbd", "tum_mono", "kitti", "times", "images"}))
       ->capture_default_str();
-  verb->add_option("--from", options->open.from_s, "Start, seconds after the first image")->capture_default_str();
-  verb->add_option("--until", options->open.until_s, "End, seconds after the first image (not included)");
-  verb->add_option("--stride", options->open.stride, "Take every n-th image")->capture_default_str();
+  verb->add_option("--from", options->open.from_s, "Start, seconds after the first image")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  verb->add_option("--until", options->open.until_s, "End, seconds after the first image (not included)")
+      ->check(CLI::NonNegativeNumber);
+  verb->add_option("--stride", options->open.stride, "Take every n-th image")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
 }
 
 absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options) {
