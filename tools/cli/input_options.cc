@@ -22,7 +22,7 @@ void AddInputOptions(CLI::App* verb, InputOptions* options) {
   verb->add_option("--until", options->open.until_s, "End, seconds after the first image (not included)")
       ->check(CLI::NonNegativeNumber);
   verb->add_option("--stride", options->open.stride, "Take every n-th image")
-      ->check(CLI::PositiveNumber)
+      ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
 }
 
