@@ -1,0 +1,134 @@
+// The feature module's state and its stages; private to feature_mapper*.cc. A packet goes through Process(): features
+// and depths in feature_mapper.cc, its pose in feature_mapper_tracking.cc, what it changes in the map in
+// feature_mapper_map.cc.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "image/orb_extractor.h"
+#include "mapping/feature_mapper.h"
+#include "mapping/keyframe_tracker.h"
+#include "mapping/keypoint_depth.h"
+#include "mapping/local_mapper.h"
+#include "mapping/relative_scale.h"
+#include "mapping/view_record.h"
+#include "tracking/place_database.h"
+#include "tracking/relocalizer.h"
+
+namespace cairn::mapping {
+
+// Median of 1 / inverse_depth, direct units; 1 if there is none.
+double MedianDirectDepth(std::span<const direct::PacketPoint> points);
+
+class FeatureMapper::Impl {
+ public:
+  Impl(const FeatureMapperOptions& options, std::shared_ptr<const map::Snapshot> map, SessionId session,
+       CameraId camera, const place::Vocabulary* vocabulary, Commit commit)
+      : options_(options),
+        map_(std::move(map)),
+        session_(session),
+        camera_(camera),
+        pinhole_(map_->pinhole(camera)),
+        vocabulary_(vocabulary),
+        commit_(std::move(commit)),
+        extractor_(map_->info().orb),
+        mapper_(options, [this](const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir) {
+          OnCull(edit, culled, heir);
+        }) {}
+
+  absl::Status BuildPlaces() {
+    if (vocabulary_ == nullptr) return absl::OkStatus();
+    // Not owned: the vocabulary outlives the mapper.
+    const std::shared_ptr<const place::Vocabulary> shared(std::shared_ptr<void>(), vocabulary_);
+    CAIRN_ASSIGN_OR_RETURN(auto places, tracking::PlaceDatabase::Build(shared, *map_));
+    places_.emplace(std::move(places));
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<KeyframeReport> Process(const direct::KeyframePacket& packet);
+  absl::Status Finish();
+
+  absl::Status CommitCorrection(map::Delta delta, const std::unordered_map<KeyframeId, double>& scales);
+
+  const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
+  const tracking::PlaceDatabase* places() const { return places_ ? &*places_ : nullptr; }
+  FeatureState state() const { return state_; }
+  const KeyframeTrajectory& trajectory() const { return trajectory_; }
+
+ private:
+  // One packet on its way through.
+  struct Current {
+    const direct::KeyframePacket& packet;
+    std::shared_ptr<map::KeyframeFeatures> features;
+    image::FeatureGrid grid;
+    std::vector<KeypointDepth> depths;
+    int num_depths = 0;
+    TrackedKeyframe tracked;
+    KeyframeReport report;
+  };
+  // Where the camera was last, rigidly attached to a keyframe of the map.
+  struct Last {
+    bool known = false;
+    std::int64_t segment = 0;
+    SE3 direct_from_camera;
+    KeyframeId reference;
+    SE3 reference_from_camera;
+    std::vector<PointId> points;  // observed there
+  };
+
+  absl::Status Check(const direct::KeyframePacket& packet) const;
+  absl::Status Extract(Current* current);
+  absl::Status Continue(Current* current);
+  bool Track(const PoseSeed& seed, Current* current);
+  absl::StatusOr<bool> Relocate(Current* current);
+  absl::Status Accept(Current* current);
+  absl::Status Lose(const SE3& guess, Current* current);
+  absl::Status Start(const SE3& camera_from_map, double map_per_direct, KeyframeId parent, Current* current);
+  bool ShouldInsert(const Current& current) const;
+  int MaxBetween(double rate_hz) const;
+  absl::Status Insert(const SE3& camera_from_map, double map_per_direct, bool points_from_depths, KeyframeId parent,
+                      Current* current);
+  absl::Status CommitEdit(map::Edit edit, std::string reason);
+  absl::Status CommitDelta(map::Delta delta);
+  double UpdateScale(const Current& current);
+  std::vector<double> DepthRatios(const Current& current, std::size_t min_observations) const;
+  std::optional<ScaleMeasurement> MeasureCentres(const Current& current) const;
+  void Remember(const SE3& camera_from_map, KeyframeId reference, Current* current);
+  void Record(const Current& current, bool refined, double map_per_direct);
+  void OnCull(const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir);
+  PoseSeed SeedPose(const direct::KeyframePacket& packet) const;
+  std::vector<PointId> SeenLately() const;
+  int NumFeatures(double rate_hz) const;
+
+  const FeatureMapperOptions options_;
+  std::shared_ptr<const map::Snapshot> map_;
+  const SessionId session_;
+  const CameraId camera_;
+  const Pinhole pinhole_;
+  const place::Vocabulary* const vocabulary_;
+  const Commit commit_;
+  const image::OrbExtractor extractor_;
+  const tracking::Relocalizer relocalizer_;
+  std::optional<tracking::PlaceDatabase> places_;
+  LocalMapper mapper_;
+  RelativeScale scale_;
+  KeyframeTrajectory trajectory_;
+  std::vector<ViewRecord> views_;  // per trajectory entry; empty for keyframes in the map
+
+  FeatureState state_ = FeatureState::kInitializing;
+  Last last_;
+  double median_depth_ = 1.0;  // of the scene, map units
+  int since_insertion_ = 0;    // packets
+  int inserted_inliers_ = 0;   // of the last keyframe inserted
+  int since_depths_ = 0;       // packets since depths gave the relative scale
+  int attempts_ = 0;           // packets since the loss
+  std::int64_t last_packet_ = -1;
+};
+
+}  // namespace cairn::mapping

@@ -1,0 +1,150 @@
+// What a packet changes: the map, the trajectory, where the camera was last.
+#include <algorithm>
+#include <utility>
+
+#include "mapping/feature_mapper_impl.h"
+#include "mapping/stopwatch.h"
+
+namespace cairn::mapping {
+namespace {
+
+// The first keyframes are all inserted: the map needs them more than it needs to be small.
+constexpr int kAlwaysInserted = 4;
+
+SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
+
+}  // namespace
+
+// Packets that need not be inserted in a row: fewer when they are rare.
+int FeatureMapper::Impl::MaxBetween(double rate_hz) const {
+  const int by_time = static_cast<int>(rate_hz * options_.max_seconds_between);
+  return std::min(options_.max_keyframes_between, by_time);
+}
+
+bool FeatureMapper::Impl::ShouldInsert(const Current& current) const {
+  const int inliers = current.tracked.inliers;
+  return mapper_.keyframes_inserted() < kAlwaysInserted || inliers < options_.insert_below_matches ||
+         since_insertion_ >= MaxBetween(current.packet.keyframe_rate_hz) ||
+         inliers < options_.insert_below_share * inserted_inliers_;
+}
+
+void FeatureMapper::Impl::Remember(const SE3& camera_from_map, KeyframeId reference, Current* current) {
+  last_.known = true;
+  last_.segment = current->packet.segment;
+  last_.direct_from_camera = current->packet.direct_from_camera;
+  last_.reference = reference;
+  last_.reference_from_camera = map_->keyframe(reference).camera_from_map * camera_from_map.Inverse();
+  current->report.located = true;
+  current->report.map_from_camera = camera_from_map.Inverse();
+  current->report.map_per_direct = scale_.scale();
+}
+
+void FeatureMapper::Impl::Record(const Current& current, bool refined, double map_per_direct) {
+  KeyframeTrajectory::Entry entry;
+  entry.direct_keyframe = current.packet.keyframe;
+  entry.segment = current.packet.segment;
+  entry.frame_index = current.packet.frame.index;
+  entry.time_ns = current.packet.frame.time_ns;
+  entry.state = state_;
+  entry.direct_from_camera = current.packet.direct_from_camera;
+  entry.map_per_direct = map_per_direct;
+  if (refined) {
+    entry.keyframe = current.report.keyframe;
+    entry.reference = last_.reference;
+    entry.reference_from_camera = last_.reference_from_camera;
+  }
+  trajectory_.Add(entry);
+  views_.emplace_back();
+  if (refined && !entry.keyframe) {
+    views_.back() = MakeViewRecord(current.features->features.keypoints, current.tracked.points, map_->info().orb);
+  }
+}
+
+absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, double map_per_direct, bool points_from_depths,
+                                         KeyframeId parent, Current* current) {
+  Stopwatch watch;
+  if (vocabulary_ != nullptr) {
+    for (const image::Descriptor& descriptor : current->features->features.descriptors) {
+      current->features->words.push_back(vocabulary_->Lookup(descriptor));
+    }
+  }
+  InsertionRequest request;
+  request.keyframe.session = session_;
+  request.keyframe.camera = camera_;
+  request.keyframe.time_ns = current->packet.frame.time_ns;
+  request.keyframe.frame_index = current->packet.frame.index;
+  request.keyframe.camera_from_map = camera_from_map;
+  request.keyframe.camera_from_direct = current->packet.direct_from_camera.Inverse();
+  request.keyframe.direct_segment = current->packet.segment;
+  request.keyframe.features = current->features;
+  request.points = current->tracked.points;
+  request.depths = current->depths;
+  request.map_per_direct = map_per_direct;
+  request.points_from_depths = points_from_depths;
+  request.parent = parent;
+  request.nearby = current->tracked.nearby;
+
+  map::Edit edit(map_);
+  CAIRN_ASSIGN_OR_RETURN(const InsertionReport inserted, mapper_.Insert(edit, std::move(request)));
+  KeyframeReport& report = current->report;
+  report.times.new_points_ms = inserted.new_points_ms;
+  report.times.fuse_ms = inserted.fuse_ms;
+  report.times.adjust_ms = inserted.adjust_ms;
+  report.times.cull_ms = inserted.cull_ms;
+  watch.LapMs();
+  CAIRN_RETURN_IF_ERROR(CommitEdit(std::move(edit), absl::StrCat("insert keyframe ", inserted.keyframe.value())));
+  report.times.commit_ms = watch.LapMs();
+  report.inserted = true;
+  report.keyframe = inserted.keyframe;
+  report.new_points = inserted.new_points;
+  report.fused_points = inserted.fused_points;
+  report.culled_points = inserted.culled_points;
+  report.culled_keyframes = inserted.culled_keyframes;
+  since_insertion_ = 0;
+  Remember(map_->keyframe(inserted.keyframe).camera_from_map, inserted.keyframe, current);
+  return absl::OkStatus();
+}
+
+absl::Status FeatureMapper::Impl::CommitEdit(map::Edit edit, std::string reason) {
+  return CommitDelta(edit.Finish(std::move(reason)));
+}
+
+absl::Status FeatureMapper::Impl::CommitDelta(map::Delta delta) {
+  if (delta.empty()) return absl::OkStatus();
+  if (places_) CAIRN_RETURN_IF_ERROR(places_->Update(delta));
+  CAIRN_ASSIGN_OR_RETURN(map_, commit_(std::move(delta)));
+  if (map_ == nullptr) return absl::InternalError("the commit function returned no map");
+  return absl::OkStatus();
+}
+
+absl::Status FeatureMapper::Impl::CommitCorrection(map::Delta delta,
+                                                   const std::unordered_map<KeyframeId, double>& scales) {
+  for (const KeyframeId removed : delta.removed_keyframes) {
+    if (last_.reference == removed) last_.known = false;
+  }
+  CAIRN_RETURN_IF_ERROR(CommitDelta(std::move(delta)));
+  trajectory_.Rescale(scales);
+  const auto here = scales.find(last_.reference);
+  if (!last_.known || here == scales.end()) return absl::OkStatus();
+  last_.reference_from_camera = Scaled(last_.reference_from_camera, here->second);
+  scale_.Rescale(here->second);
+  median_depth_ *= here->second;
+  return absl::OkStatus();
+}
+
+void FeatureMapper::Impl::OnCull(const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir) {
+  const SE3 heir_from_culled = heir.camera_from_map * culled.camera_from_map.Inverse();
+  const auto& entries = trajectory_.entries();
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    if (entries[i].keyframe == culled.id) {
+      views_[i] = MakeViewRecord(culled.keypoints(), culled.points, edit.info().orb);
+    }
+  }
+  trajectory_.Reattach(culled.id, heir.id, heir_from_culled);
+  if (last_.reference == culled.id) {
+    last_.reference = heir.id;
+    last_.reference_from_camera = heir_from_culled * last_.reference_from_camera;
+  }
+}
+
+}  // namespace cairn::mapping

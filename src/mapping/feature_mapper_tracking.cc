@@ -1,0 +1,192 @@
+// How a packet finds its pose in the map, and what happens when it does not.
+#include <algorithm>
+#include <cmath>
+
+#include "mapping/feature_mapper_impl.h"
+#include "mapping/stopwatch.h"
+
+namespace cairn::mapping {
+namespace {
+
+// So many packets the relative scale from depths is trusted before the alignment of centres takes over.
+constexpr int kTrustDepths = 10;
+// A search after a loss is this much wider than usual.
+constexpr double kWideSearch = 3.0;
+
+SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
+
+}  // namespace
+
+double MedianDirectDepth(std::span<const direct::PacketPoint> points) {
+  std::vector<double> depths;
+  for (const direct::PacketPoint& point : points) {
+    if (point.inverse_depth > 0.0f && std::isfinite(point.inverse_depth)) depths.push_back(1.0 / point.inverse_depth);
+  }
+  if (depths.empty()) return 1.0;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return *middle;
+}
+
+PoseSeed FeatureMapper::Impl::SeedPose(const direct::KeyframePacket& packet) const {
+  const SE3 last_from_map = last_.reference_from_camera.Inverse() * map_->keyframe(last_.reference).camera_from_map;
+  if (packet.segment != last_.segment) return PoseSeed{last_from_map};
+  const SE3 camera_from_last = packet.direct_from_camera.Inverse() * last_.direct_from_camera;
+  const SE3 motion = Scaled(camera_from_last, scale_.scale());
+  PoseSeed seed{motion * last_from_map};
+  // Once the relative scale is known: how good direct odometry is from one keyframe to the next.
+  if (scale_.relative_sigma() > 0.0) {
+    seed.translation_sigma =
+        options_.odometry_sigma_share * motion.translation().norm() + options_.odometry_sigma_depth * median_depth_;
+    seed.rotation_sigma_rad =
+        options_.odometry_sigma_share * AngleRad(motion.rotation()) + options_.odometry_sigma_depth;
+  }
+  return seed;
+}
+
+std::vector<PointId> FeatureMapper::Impl::SeenLately() const {
+  std::vector<PointId> seen;
+  for (const PointId point : last_.points) {
+    if (point && map_->points().Contains(point)) seen.push_back(point);
+  }
+  return seen;
+}
+
+bool FeatureMapper::Impl::Track(const PoseSeed& seed, Current* current) {
+  Stopwatch watch;
+  const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
+  const std::vector<PointId> seen = SeenLately();
+  current->tracked = TrackKeyframe(*map_, view, seed, seen, last_.reference, median_depth_, 1.0, options_);
+  if (!current->tracked.tracked) {
+    current->tracked = TrackKeyframe(*map_, view, seed, seen, last_.reference, median_depth_, kWideSearch, options_);
+  }
+  current->report.matches = current->tracked.matches;
+  current->report.inliers = current->tracked.inliers;
+  current->report.times.track_ms += watch.LapMs();
+  return current->tracked.tracked;
+}
+
+// Anywhere in the map; what it finds is refined like any other keyframe, from the pose found.
+absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
+  if (!places_) return false;
+  Stopwatch watch;
+  CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
+                         relocalizer_.Relocalize(*map_, *places_, pinhole_, current->features->features));
+  bool tracked = false;
+  if (found.localized) {
+    std::vector<PointId> seen;
+    for (const auto& inlier : found.inliers) seen.push_back(inlier.point);
+    const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
+    current->tracked = TrackKeyframe(*map_, view, {found.camera_from_map}, seen, found.reference_keyframe,
+                                     median_depth_, 1.0, options_);
+    tracked = current->tracked.tracked;
+    current->report.matches = current->tracked.matches;
+    current->report.inliers = current->tracked.inliers;
+  }
+  current->report.times.relocate_ms += watch.LapMs();
+  return tracked;
+}
+
+std::optional<ScaleMeasurement> FeatureMapper::Impl::MeasureCentres(const Current& current) const {
+  std::vector<Vector3d> map_centres, direct_centres;
+  const auto& entries = trajectory_.entries();
+  const std::size_t window = 30;
+  for (std::size_t i = entries.size() > window ? entries.size() - window : 0; i < entries.size(); ++i) {
+    if (!entries[i].reference || entries[i].segment != current.packet.segment) continue;
+    const SE3 map_from_camera =
+        map_->keyframe(entries[i].reference).camera_from_map.Inverse() * entries[i].reference_from_camera;
+    map_centres.push_back(map_from_camera.translation());
+    direct_centres.push_back(entries[i].direct_from_camera.translation());
+  }
+  map_centres.push_back(current.tracked.camera_from_map.Inverse().translation());
+  direct_centres.push_back(current.packet.direct_from_camera.translation());
+  return ScaleFromCentres(map_centres, direct_centres);
+}
+
+// Depth in the map over depth in the direct world, of the features that have both.
+std::vector<double> FeatureMapper::Impl::DepthRatios(const Current& current, std::size_t min_observations) const {
+  std::vector<double> ratios;
+  for (std::size_t i = 0; i < current.depths.size(); ++i) {
+    const PointId id = current.tracked.points[i];
+    if (!id || !current.depths[i].known()) continue;
+    const map::MapPoint& point = map_->point(id);
+    if (point.observations.size() < min_observations) continue;
+    ratios.push_back((current.tracked.camera_from_map * point.position).z() * current.depths[i].inverse_depth);
+  }
+  return ratios;
+}
+
+// The scale measured at this keyframe itself, or the running one.
+double FeatureMapper::Impl::UpdateScale(const Current& current) {
+  // A point of few observations may still have its depth from the direct module itself.
+  const auto from_depths = ScaleFromDepths(DepthRatios(current, 3));
+  since_depths_ = from_depths ? 0 : since_depths_ + 1;
+  // The alignment lags behind: only where depths have been missing for long.
+  const bool align = since_depths_ > kTrustDepths || scale_.relative_sigma() == 0.0;
+  scale_.Update(from_depths, align ? MeasureCentres(current) : std::nullopt);
+  return from_depths ? from_depths->scale : scale_.scale();
+}
+
+absl::Status FeatureMapper::Impl::Accept(Current* current) {
+  const TrackedKeyframe& tracked = current->tracked;
+  if (last_.known && last_.segment != current->packet.segment) scale_.Reset(scale_.scale());
+  state_ = tracked.inliers >= options_.poor_inliers ? FeatureState::kGood : FeatureState::kPoor;
+  attempts_ = 0;
+  if (tracked.median_depth > 0.0) median_depth_ = tracked.median_depth;
+  const double map_per_direct = UpdateScale(*current);
+  mapper_.CountVisible(tracked.visible, tracked.points);
+  last_.points = tracked.points;
+  if (ShouldInsert(*current)) {
+    const bool thin = tracked.inliers < options_.poor_inliers;
+    inserted_inliers_ = tracked.inliers;
+    CAIRN_RETURN_IF_ERROR(Insert(tracked.camera_from_map, map_per_direct, thin, tracked.reference, current));
+  } else {
+    ++since_insertion_;
+    Remember(tracked.camera_from_map, tracked.reference, current);
+  }
+  Record(*current, true, map_per_direct);
+  return absl::OkStatus();
+}
+
+absl::Status FeatureMapper::Impl::Lose(const SE3& guess, Current* current) {
+  state_ = last_.known ? FeatureState::kLost : FeatureState::kInitializing;
+  ++attempts_;
+  current->report.message = absl::StrCat("the map is not found (", current->tracked.inliers, " inliers)");
+  if (!last_.known) {
+    current->report.message = "no view of this session has been located in the map yet";
+    Record(*current, false, 0.0);
+    return absl::OkStatus();
+  }
+  if (attempts_ >= options_.max_attempts && current->num_depths >= options_.min_restart_points) {
+    double scale = scale_.scale();
+    if (current->packet.segment != last_.segment) {
+      // Nothing links the two worlds: as large as the scene was last.
+      scale = median_depth_ / MedianDirectDepth(current->packet.points);
+      scale_.Reset(scale);
+    }
+    current->report.restarted = true;
+    return Start(guess, scale, last_.reference, current);
+  }
+  const KeyframeId reference = last_.reference;
+  if (current->packet.segment == last_.segment) {
+    Remember(guess, reference, current);
+  }
+  Record(*current, false, 0.0);
+  return absl::OkStatus();
+}
+
+absl::Status FeatureMapper::Impl::Start(const SE3& camera_from_map, double map_per_direct, KeyframeId parent,
+                                        Current* current) {
+  state_ = FeatureState::kInitializing;
+  attempts_ = 0;
+  median_depth_ = map_per_direct * MedianDirectDepth(current->packet.points);
+  inserted_inliers_ = current->num_depths;
+  if (mapper_.keyframes_inserted() == 0) scale_.Reset(map_per_direct);
+  current->tracked = {};
+  CAIRN_RETURN_IF_ERROR(Insert(camera_from_map, map_per_direct, true, parent, current));
+  last_.points = map_->keyframe(current->report.keyframe).points;
+  Record(*current, true, map_per_direct);
+  return absl::OkStatus();
+}
+
+}  // namespace cairn::mapping
