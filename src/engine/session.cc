@@ -7,7 +7,6 @@
 
 #include "base/bounded_queue.h"
 #include "engine/loop_runner.h"
-#include "image/undistort.h"
 #include "mapping/packet_queue.h"
 
 namespace cairn::engine {
@@ -32,9 +31,9 @@ absl::Status SessionOptions::Validate() const {
 
 class Session::Impl {
  public:
-  Impl(const SessionOptions& options, image::Undistorter undistorter, MapWriter* writer)
+  Impl(const SessionOptions& options, FramePreparation preparation, MapWriter* writer)
       : options_(options),
-        undistorter_(std::move(undistorter)),
+        preparation_(std::move(preparation)),
         writer_(writer),
         packets_(options.packet_queue_limit),
         backlog_(static_cast<std::size_t>(options.mapping_backlog)) {}
@@ -42,12 +41,8 @@ class Session::Impl {
   ~Impl() { StopThread(); }
 
   absl::Status Start(const SessionSource& source, const place::Vocabulary* vocabulary) {
-    if (source.photometric) {
-      CAIRN_RETURN_IF_ERROR(source.photometric->ValidateFor(source.camera));
-      photometric_ = source.photometric;
-    }
-    CAIRN_ASSIGN_OR_RETURN(odometry_, direct::Odometry::Create(options_.odometry, undistorter_.pinhole()));
-    CAIRN_ASSIGN_OR_RETURN(session_, BeginSession(source, undistorter_.pinhole(), !options_.deterministic, writer_));
+    CAIRN_ASSIGN_OR_RETURN(odometry_, direct::Odometry::Create(options_.odometry, preparation_.pinhole()));
+    CAIRN_ASSIGN_OR_RETURN(session_, BeginSession(source, preparation_.pinhole(), !options_.deterministic, writer_));
     const auto commit = [this](map::Delta delta) { return writer_->Commit(delta); };
     CAIRN_ASSIGN_OR_RETURN(mapper_, mapping::FeatureMapper::Create(options_.mapping, writer_->Current(), session_.id,
                                                                    session_.camera, vocabulary, commit));
@@ -61,14 +56,7 @@ class Session::Impl {
   absl::StatusOr<direct::FrameResult> AddFrame(const RawFrame& raw) {
     CAIRN_RETURN_IF_ERROR(MappingStatus());
     const Clock::time_point start = Clock::now();
-    CAIRN_ASSIGN_OR_RETURN(image::PreparedImage prepared,
-                           image::PrepareImage(raw.gray, undistorter_, photometric_ ? &*photometric_ : nullptr));
-    direct::Frame frame;
-    frame.index = raw.index;
-    frame.time_ns = raw.time_ns;
-    frame.image = std::move(prepared.gray);
-    frame.irradiance = std::move(prepared.irradiance);
-    frame.exposure_s = raw.exposure_s;
+    CAIRN_ASSIGN_OR_RETURN(const direct::Frame frame, preparation_.Prepare(raw));
     CAIRN_ASSIGN_OR_RETURN(direct::FrameResult result, odometry_->Process(frame));
     frame_ms_.push_back(MillisecondsSince(start));
     last_time_ns_ = raw.time_ns;
@@ -177,8 +165,7 @@ class Session::Impl {
   }
 
   const SessionOptions options_;
-  const image::Undistorter undistorter_;
-  std::optional<image::PhotometricCalibration> photometric_;
+  const FramePreparation preparation_;
   MapWriter* const writer_;
   map::Session session_;
   std::unique_ptr<direct::Odometry> odometry_;
@@ -206,9 +193,8 @@ Session::~Session() = default;
 absl::StatusOr<std::unique_ptr<Session>> Session::Create(const SessionOptions& options, const SessionSource& source,
                                                          const place::Vocabulary* vocabulary, MapWriter* writer) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
-  CAIRN_RETURN_IF_ERROR(source.camera.Validate());
-  CAIRN_ASSIGN_OR_RETURN(image::Undistorter undistorter, image::Undistorter::Create(source.camera));
-  auto impl = std::make_unique<Impl>(options, std::move(undistorter), writer);
+  CAIRN_ASSIGN_OR_RETURN(FramePreparation preparation, FramePreparation::Create(source));
+  auto impl = std::make_unique<Impl>(options, std::move(preparation), writer);
   CAIRN_RETURN_IF_ERROR(impl->Start(source, vocabulary));
   return std::unique_ptr<Session>(new Session(std::move(impl)));
 }

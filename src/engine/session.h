@@ -6,7 +6,6 @@
 #pragma once
 
 #include <memory>
-#include <opencv2/core.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -14,6 +13,7 @@
 #include "base/status.h"
 #include "base/time.h"
 #include "direct/odometry.h"
+#include "engine/frame_preparation.h"
 #include "engine/map_writer.h"
 #include "engine/session_record.h"
 #include "mapping/feature_mapper.h"
@@ -32,13 +32,6 @@ struct SessionOptions {
   int mapping_backlog = 8;     // packets waiting for the feature module; the odometry then waits for it
 
   absl::Status Validate() const;
-};
-
-struct RawFrame {
-  std::int64_t index = 0;
-  TimeNs time_ns = 0;
-  cv::Mat gray;  // CV_8UC1, as the camera gives it
-  double exposure_s = 0.0;
 };
 
 // The pose of one frame at the end of the session. Frames without a pose were not tracked.

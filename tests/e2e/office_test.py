@@ -62,6 +62,17 @@ class Office(unittest.TestCase):
         self.assertGreaterEqual(report['tracked_share'], 0.95)
         self.assertLess(must('eval', 'ate', frames, self.first / 'groundtruth_cam0.txt')['ate_m'], 0.02)
 
+    def test_the_odometry_alone_gives_poses_and_no_map(self):
+        frames = self.folder / 'odometry.txt'
+        before = set(self.folder.iterdir())
+        report = must('run', self.first, '--odometry-only', '--trajectory', frames)
+        self.assertEqual(set(self.folder.iterdir()) - before, {frames})
+        self.assertGreaterEqual(report['tracked_share'], 0.95)
+        self.assertEqual(report['segments'], 1)
+        ate = must('eval', 'ate', frames, self.first / 'groundtruth_cam0.txt')
+        self.assertEqual(ate['associated'], report['trajectory_frames'])
+        self.assertLess(ate['ate_m'], 0.03)
+
     def test_a_map_of_stills_with_known_poses_locates_the_second_visit(self):
         stills, poses = self.folder / 'stills.cairn', self.folder / 'stills_poses.txt'
         must('run', self.first, '--stride', 8, '--poses', self.first / 'groundtruth_cam0.txt', '--map', stills)
@@ -154,7 +165,8 @@ class CommandLine(unittest.TestCase):
             self.assertIn('Example', answer.out, verb)
 
     def test_usage_errors_exit_with_2(self):
-        for arguments in ([], ['no_such_verb'], ['run'], ['run', 'x', '--map', 'y', '--unknown']):
+        for arguments in ([], ['no_such_verb'], ['run'], ['run', 'x', '--map', 'y', '--unknown'], ['run', 'x'],
+                          ['run', 'x', '--map', 'y', '--odometry-only']):
             self.assertEqual(cairn(*arguments, json_output=False).code, 2, arguments)
 
     def test_the_version_is_printed(self):

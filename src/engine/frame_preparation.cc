@@ -1,0 +1,26 @@
+#include "engine/frame_preparation.h"
+
+#include <utility>
+
+namespace cairn::engine {
+
+absl::StatusOr<FramePreparation> FramePreparation::Create(const SessionSource& source) {
+  CAIRN_RETURN_IF_ERROR(source.camera.Validate());
+  CAIRN_ASSIGN_OR_RETURN(image::Undistorter undistorter, image::Undistorter::Create(source.camera));
+  if (source.photometric) CAIRN_RETURN_IF_ERROR(source.photometric->ValidateFor(source.camera));
+  return FramePreparation(std::move(undistorter), source.photometric);
+}
+
+absl::StatusOr<direct::Frame> FramePreparation::Prepare(const RawFrame& raw) const {
+  CAIRN_ASSIGN_OR_RETURN(image::PreparedImage prepared,
+                         image::PrepareImage(raw.gray, undistorter_, photometric_ ? &*photometric_ : nullptr));
+  direct::Frame frame;
+  frame.index = raw.index;
+  frame.time_ns = raw.time_ns;
+  frame.image = std::move(prepared.gray);
+  frame.irradiance = std::move(prepared.irradiance);
+  frame.exposure_s = raw.exposure_s;
+  return frame;
+}
+
+}  // namespace cairn::engine

@@ -1,0 +1,67 @@
+// cairn run --map --poses: stills whose poses are known become a map, without odometry.
+#include <algorithm>
+#include <cstdio>
+
+#include "cli/run_options.h"
+#include "engine/posed_session.h"
+#include "io/trajectory.h"
+
+namespace cairn::cli {
+namespace {
+
+// The given pose of each image, within half a millisecond-scale tolerance of its time.
+const io::StampedPose* PoseAt(const std::vector<io::StampedPose>& poses, TimeNs time_ns) {
+  constexpr TimeNs kTolerance_ns = 1'000'000;
+  auto at = std::lower_bound(poses.begin(), poses.end(), time_ns - kTolerance_ns,
+                             [](const io::StampedPose& pose, TimeNs time) { return pose.time_ns < time; });
+  return at != poses.end() && at->time_ns <= time_ns + kTolerance_ns ? &*at : nullptr;
+}
+
+}  // namespace
+
+absl::Status MapStills(const RunOptions& options) {
+  CAIRN_ASSIGN_OR_RETURN(io::Trajectory given, io::ReadTrajectory(options.poses));
+  std::sort(given.poses.begin(), given.poses.end(), [](const auto& a, const auto& b) { return a.time_ns < b.time_ns; });
+  CAIRN_ASSIGN_OR_RETURN(MapRun run, PrepareMapRun(options));
+  const io::SourceInfo info = run.source->info();
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::PosedSession> session,
+                         engine::PosedSession::Create(options.posed, options.session.deterministic, run.session_source,
+                                                      &run.vocabulary, run.writer.get()));
+  SkippedFrames skipped("run", options.json);
+  Progress progress("mapping", info.num_frames, options.json);
+  std::int64_t used = 0;
+  const absl::Status read =
+      ForEachFrame(*run.source, &skipped, &progress, [&](const io::SourceFrame& frame) -> absl::StatusOr<std::string> {
+        const io::StampedPose* pose = PoseAt(given.poses, frame.time_ns);
+        if (pose == nullptr) {
+          skipped.Add(frame.path, absl::NotFoundError(absl::StrCat("no pose for it in ", options.poses)));
+          return std::string();
+        }
+        CAIRN_RETURN_IF_ERROR(session->AddFrame(ToRaw(frame), pose->world_from_camera));
+        ++used;
+        return std::string();
+      });
+  CAIRN_RETURN_IF_ERROR(read);
+  progress.Finish();
+  CAIRN_ASSIGN_OR_RETURN(const mapping::PosedMapperReport report, session->Finish());
+  CAIRN_RETURN_IF_ERROR(run.writer->Close());
+  const std::shared_ptr<const map::Snapshot> map = run.writer->Current();
+  CAIRN_RETURN_IF_ERROR(WriteMapOutputs(options, *map, MapKeyframePoses(*map)));
+  if (options.json) {
+    PrintJson({{"map", options.map},
+               {"frames", info.num_frames},
+               {"frames_used", used},
+               {"frames_skipped", skipped.count()},
+               {"keyframes", report.keyframes},
+               {"points", report.points},
+               {"observations", report.observations},
+               {"rmse_px", report.rmse_px}});
+  } else {
+    std::printf("%s: %d keyframes with given poses, %d points, reprojection %.2f px RMSE\n", options.map.c_str(),
+                report.keyframes, report.points, report.rmse_px);
+    if (skipped.count() > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped.count()));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace cairn::cli
