@@ -91,7 +91,8 @@ std::vector<SE3> Odometry::Impl::Hypotheses(const TrackingReference& reference, 
     const int rings = wide ? 3 : 1;
     for (int ring = 1; ring <= rings; ++ring) {
       for (int code = 0; code < 27; ++code) {
-        const Vector3d turn(code % 3 - 1, (code / 3) % 3 - 1, code / 9 - 1);
+        const int x = code % 3 - 1, y = (code / 3) % 3 - 1, z = code / 9 - 1;
+        const Vector3d turn(x, y, z);
         if (turn.squaredNorm() < 0.5) continue;
         const SE3 turned(ExpSO3(kRotationStepRad * ring * turn), Vector3d::Zero());
         guesses.push_back(turned * (wide ? last_from_reference : predicted));

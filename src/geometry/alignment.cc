@@ -79,7 +79,7 @@ absl::StatusOr<Alignment> Solve(std::span<const Vector3d> a, std::span<const Vec
   }
 
   const Eigen::JacobiSVD<Matrix3d> svd(m.cross, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Vector3d d = svd.singularValues();
+  const Vector3d& d = svd.singularValues();
   Vector3d sign(1.0, 1.0, 1.0);
   if (svd.matrixU().determinant() * svd.matrixV().determinant() < 0.0) sign[2] = -1.0;
   const double trace = d[0] + d[1] + sign[2] * d[2];

@@ -193,6 +193,12 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string
                                             : absl::StrCat("there is no folder ", path));
   }
   CAIRN_ASSIGN_OR_RETURN(const Format* const format, FindFormat(path, options));
+  const bool several_cameras = format->format == SequenceFormat::kEuroc || format->format == SequenceFormat::kKitti;
+  if (options.camera_index != 0 && !several_cameras) {
+    return absl::InvalidArgumentError(absl::StrCat("camera index is ", options.camera_index, " but ", path,
+                                                   " is of format ", format->name,
+                                                   ", which has one camera: leave the index out"));
+  }
   CAIRN_ASSIGN_OR_RETURN(SequenceFiles files, format->read(path, options));
   CAIRN_RETURN_IF_ERROR(Annotate(files.camera.Validate(), path));
   if (files.photometric) CAIRN_RETURN_IF_ERROR(Annotate(files.photometric->ValidateFor(files.camera), path));

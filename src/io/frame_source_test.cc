@@ -297,6 +297,8 @@ TEST(FrameSource, TumRgbd) {
   ASSERT_TRUE(frames[0].status.ok()) << frames[0].status;
   EXPECT_EQ(frames[0].gray.type(), CV_8UC1);
   EXPECT_LE(cv::norm(frames[0].gray, TestingFolder::Ramp(1), cv::NORM_INF), 1);
+  options.camera_index = 1;
+  EXPECT_THAT(OpenError(folder.str(), options), HasSubstr("one camera"));
 }
 
 TEST(FrameSource, Kitti) {

@@ -124,8 +124,9 @@ absl::StatusOr<Trajectory> ReadKittiTrajectory(const std::string& path, const st
   return out;
 }
 
-absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path) {
+absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path, bool may_be_empty) {
   CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> lines, ReadDataLines(path));
+  if (lines.empty() && may_be_empty) return Trajectory();
   if (!lines.empty()) {
     const Fields fields = SplitFields(lines[0].text);
     if (absl::StrContains(lines[0].text, ',') && IsIntegerTime(fields[0])) {

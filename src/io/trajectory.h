@@ -38,7 +38,8 @@ absl::StatusOr<Trajectory> ReadEurocTrajectory(const std::string& path);
 absl::StatusOr<Trajectory> ReadKittiTrajectory(const std::string& path, const std::string& times_path);
 
 // Any of these: `.csv` or nanosecond times with commas are EuRoC; 12 columns are KITTI, with times.txt beside the file.
-absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path);
+// A file without any pose is an error unless it `may_be_empty`.
+absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path, bool may_be_empty = false);
 
 struct TrajectoryWriteOptions {
   bool overwrite = false;  // AlreadyExists otherwise

@@ -71,6 +71,9 @@ TEST(Trajectory, TumErrorsNameTheLine) {
   EXPECT_THAT(error("x 0 0 0 0 0 0 1\n"), HasSubstr("a.txt:1: \"x\" is not a time"));
   EXPECT_THAT(error("1 0 0 0 0 0 0 0\n"), HasSubstr("quaternion has length 0"));
   EXPECT_THAT(error("# nothing\n"), HasSubstr("no poses"));
+  const auto empty = ReadTrajectory(folder / "a.txt", /*may_be_empty=*/true);
+  ASSERT_TRUE(empty.ok()) << empty.status();
+  EXPECT_TRUE(empty->poses.empty());
   EXPECT_THAT(error(",\n"), HasSubstr("a.txt:1"));
   EXPECT_EQ(ReadTumTrajectory(folder / "none.txt").status().code(), absl::StatusCode::kNotFound);
   EXPECT_FALSE(ReadTrajectory(folder.str()).ok());

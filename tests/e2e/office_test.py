@@ -41,6 +41,23 @@ class Office(unittest.TestCase):
         self.assertEqual(result['wrong'], 0)
         self.assertLess(result['error_m']['median'], 0.03)
 
+    def test_each_image_has_its_answer_in_json(self):
+        answer = must('localize', self.second, '--stride', 20, '--map', self.map, '--independent', '--verbose')
+        self.assertEqual(len(answer['images']), answer['frames'])
+        self.assertEqual(sum(image['localized'] for image in answer['images']), answer['localized'])
+        for image in answer['images']:
+            self.assertIn('position' if image['localized'] else 'reason', image)
+
+    def test_queries_without_any_answer_count_as_not_located(self):
+        poses, queries = self.folder / 'no_poses.txt', self.folder / 'queries.txt'
+        poses.write_text('# nothing was located\n')
+        truth = (self.second / 'groundtruth_cam0.txt').read_text().splitlines()
+        queries.write_text('\n'.join(line.split()[0] for line in truth if not line.startswith('#')) + '\n')
+        result = must('eval', 'localization', poses, self.second / 'groundtruth_cam0.txt', '--queries', queries)
+        self.assertGreater(result['queries'], 0)
+        self.assertEqual(result['answered'], 0)
+        self.assertEqual(result['within_share'], 0)
+
     def test_info_knows_the_alignment_and_the_provenance(self):
         info = must('info', self.map)
         self.assertEqual(info['keyframes'], self.report['keyframes'])
@@ -97,6 +114,18 @@ class Office(unittest.TestCase):
         report = must('run', damaged, '--map', self.folder / 'damaged.cairn')
         self.assertEqual(report['frames_skipped'], 2)
         self.assertGreaterEqual(report['tracked_share'], 0.9)
+
+    def test_a_sequence_without_a_usable_image_is_a_failure(self):
+        broken = self.folder / 'broken'
+        shutil.copytree(self.first, broken)
+        for image in (broken / 'mav0' / 'cam0' / 'data').glob('*.png'):
+            image.write_bytes(image.read_bytes()[:500])
+        for arguments in (('run', broken, '--map', self.folder / 'broken.cairn'),
+                          ('localize', broken, '--map', self.map, '--independent')):
+            answer = cairn(*arguments)
+            self.assertEqual(answer.code, 1, answer.out + answer.err)
+            self.assertIn('error', answer.json)
+        self.assertFalse((self.folder / 'broken.cairn').exists())
 
     def test_a_killed_run_leaves_a_good_map(self):
         killed = self.folder / 'killed.cairn'

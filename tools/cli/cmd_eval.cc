@@ -204,7 +204,8 @@ int RunLocalization(const EvalOptions& options) {
   constexpr const char* kVerb = "eval localization";
   const auto reference = io::ReadTrajectory(options.groundtruth);
   if (!reference.ok()) return Fail(kVerb, reference.status(), options.json);
-  const auto poses = io::ReadTrajectory(options.estimate);
+  // A list of queries says who was asked: no pose at all is then an answer, too.
+  const auto poses = io::ReadTrajectory(options.estimate, /*may_be_empty=*/!options.queries.empty());
   if (!poses.ok()) return Fail(kVerb, poses.status(), options.json);
   std::vector<eval::LocalizationAnswer> answers;
   for (const io::StampedPose& pose : poses->poses) answers.push_back({pose.time_ns, pose.world_from_camera});

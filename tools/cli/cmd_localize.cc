@@ -79,6 +79,7 @@ struct Summary {
   std::map<std::string, std::int64_t> misses;  // by stage
   std::vector<float> latency_ms;
   std::vector<io::StampedPose> poses;
+  nlohmann::ordered_json images = nlohmann::ordered_json::array();  // each answer, if asked for
   std::string map_id;
   Revision revision = 0;
   bool metric = false;
@@ -120,14 +121,12 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
   const double share =
       summary.frames > 0 ? static_cast<double>(summary.localized) / static_cast<double>(summary.frames) : 0.0;
   if (options.json) {
-    PrintJson({{"map", summary.map_id},
-               {"revision", summary.revision},
-               {"frames", summary.frames},
-               {"localized", summary.localized},
-               {"localized_share", share},
-               {"frames_skipped", skipped},
-               {"misses", summary.misses},
-               {"latency_ms", SampleStatistics(summary.latency_ms)}});
+    nlohmann::ordered_json json = {{"map", summary.map_id},    {"revision", summary.revision},
+                                   {"frames", summary.frames}, {"localized", summary.localized},
+                                   {"localized_share", share}, {"frames_skipped", skipped},
+                                   {"misses", summary.misses}, {"latency_ms", SampleStatistics(summary.latency_ms)}};
+    if (options.verbose) json["images"] = summary.images;
+    PrintJson(json);
     return;
   }
   std::printf("located %lld of %lld images (%.1f %%), %.1f ms median each (p99 %.1f)\n",
@@ -176,10 +175,15 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, api::Locali
     CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer,
                            localizer.Localize({frame->gray, source->info().camera, frame->time_ns}));
     summary.Add(answer, frame->time_ns);
+    if (options.verbose && options.json) summary.images.push_back(ToJson(answer, frame->path, frame->time_ns));
     if (options.verbose && !options.json) PrintAnswer(answer, frame->path);
     progress.Update(frame->index + 1, absl::StrCat(summary.localized, " of ", summary.frames, " located"));
   }
   progress.Finish();
+  if (summary.frames == 0) {
+    return absl::DataLossError(
+        absl::StrCat("none of the ", skipped.count(), " images of ", options.input.sequence, " could be used"));
+  }
   CAIRN_RETURN_IF_ERROR(WriteOutputs(options, summary));
   PrintSummary(options, summary, skipped.count());
   return summary.localized > 0 ? kOk : kNotLocalized;
@@ -219,7 +223,7 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   verb->add_option("--picture", options->picture, "Draw the map and the cameras found to this .png or .svg file");
   verb->add_flag("--independent", options->independent,
                  "Locate each image on its own, without help from the ones before it (needed for a sequence)");
-  verb->add_flag("--verbose", options->verbose, "Print the answer for each image");
+  verb->add_flag("--verbose", options->verbose, "Print the answer for each image (with --json: as `images`)");
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
