@@ -124,8 +124,8 @@ cv::Mat PhotographView(const Library& library, Random* random) {
   const double height = cover * std::exp(random->Uniform(0.0, std::log(std::max(1.1, 1.1 * photo.gray.rows / cover))));
   const double slack_x = std::max(0.0, 0.5 * (height * aspect / 1.5 - kWidth));
   const double slack_y = std::max(0.0, 0.5 * (height / 1.5 - kHeight));
-  const cv::Point2f centre(static_cast<float>(kWidth / 2 + random->Uniform(-slack_x, slack_x)),
-                           static_cast<float>(kHeight / 2 + random->Uniform(-slack_y, slack_y)));
+  const cv::Point2f centre(static_cast<float>(0.5 * kWidth + random->Uniform(-slack_x, slack_x)),
+                           static_cast<float>(0.5 * kHeight + random->Uniform(-slack_y, slack_y)));
   Picture upright = photo;
   upright.opacity = cv::Mat();
   Paste(upright, RandomQuad(centre, height * aspect, height, 0.35, 0.3, random), random->Uniform(0.6, 1.1),
