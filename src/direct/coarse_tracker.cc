@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/cpu_features.h"
+
 namespace cairn::direct {
 namespace {
 
@@ -32,7 +34,7 @@ CoarseTracker::CoarseTracker(const PyramidGeometry& geometry, double huber_gray,
     : geometry_(geometry),
       huber_(static_cast<float>(huber_gray)),
       cutoff_(static_cast<float>(cutoff_gray)),
-      kernel_(BestTrackingKernel()) {
+      kernel_(TrackingKernelFor(ActiveSimdLevel())) {
   for (int level = 0; level < geometry_.levels; ++level) {
     const std::size_t pixels =
         static_cast<std::size_t>(geometry_.camera[level].width_px) * geometry_.camera[level].height_px;

@@ -1,60 +1,15 @@
 #include "direct/image_pyramid.h"
 
 #include <algorithm>
+#include <cstring>
+#include <new>
+
+#include "direct/pyramid_kernel.h"
 
 namespace cairn::direct {
 namespace {
 
-template <class T>
-void CopyIntensity(const cv::Mat& image, float* out) {
-  for (int y = 0; y < image.rows; ++y) {
-    const T* row = image.ptr<T>(y);
-    for (int x = 0; x < image.cols; ++x, out += ImagePyramid::kChannels) *out = static_cast<float>(row[x]);
-  }
-}
-
-template <class T>
-void HalveInput(const cv::Mat& image, int width, int height, float* out) {
-  for (int y = 0; y < height; ++y) {
-    const T* a = image.ptr<T>(2 * y);
-    const T* b = image.ptr<T>(2 * y + 1);
-    for (int x = 0; x < width; ++x, out += ImagePyramid::kChannels) {
-      *out = 0.25f * static_cast<float>(a[2 * x] + a[2 * x + 1] + b[2 * x] + b[2 * x + 1]);
-    }
-  }
-}
-
-void HalveLevel(const float* in, int in_width, int width, int height, float* out) {
-  constexpr int c = ImagePyramid::kChannels;
-  for (int y = 0; y < height; ++y) {
-    const float* a = in + static_cast<std::size_t>(2 * y) * in_width * c;
-    const float* b = a + static_cast<std::size_t>(in_width) * c;
-    for (int x = 0; x < width; ++x, out += c) {
-      *out = 0.25f * (a[2 * c * x] + a[2 * c * x + c] + b[2 * c * x] + b[2 * c * x + c]);
-    }
-  }
-}
-
-void FillGradients(float* data, int width, int height) {
-  constexpr int c = ImagePyramid::kChannels;
-  const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(width) * c;
-  for (int y = 0; y < height; ++y) {
-    float* row = data + y * stride;
-    const bool inside = y > 0 && y + 1 < height;
-    for (int x = 0; x < width; ++x) {
-      float* pixel = row + x * c;
-      if (!inside || x == 0 || x + 1 == width) {
-        pixel[1] = pixel[2] = pixel[3] = 0.0f;
-        continue;
-      }
-      const float dx = 0.5f * (pixel[c] - pixel[-c]);
-      const float dy = 0.5f * (pixel[stride] - pixel[-stride]);
-      pixel[1] = dx;
-      pixel[2] = dy;
-      pixel[3] = dx * dx + dy * dy;
-    }
-  }
-}
+constexpr int kLineFloats = 16;  // of a cache line
 
 }  // namespace
 
@@ -72,30 +27,63 @@ PyramidGeometry PyramidGeometry::Make(const Pinhole& full_camera, bool full_reso
   return geometry;
 }
 
+ImagePyramid::ImagePyramid(SimdLevel level) : kernels_(&PyramidKernelsFor(level)) {}
+
+ImagePyramid::Buffer ImagePyramid::Allocate(std::size_t floats) {
+  const std::size_t bytes = (floats * sizeof(float) + 63) / 64 * 64;
+  float* data = static_cast<float*>(std::aligned_alloc(64, bytes));
+  if (data == nullptr) throw std::bad_alloc();
+  std::memset(data, 0, bytes);
+  return Buffer(data);
+}
+
+float* ImagePyramid::GrayRow(int level, int y) {
+  return gray_[level].get() + static_cast<std::size_t>(y % kGrayRows) * stride_[level] + kPyramidPadding;
+}
+
 void ImagePyramid::Build(const Frame& frame, const PyramidGeometry& geometry) {
-  for (int level = 0; level < geometry.levels; ++level) {
-    width_[level] = geometry.camera[level].width_px;
-    height_[level] = geometry.camera[level].height_px;
-    data_[level].resize(static_cast<std::size_t>(width_[level]) * height_[level] * kChannels);
+  levels_ = geometry.levels;
+  for (int level = 0; level < levels_; ++level) {
+    const int width = geometry.camera[level].width_px, height = geometry.camera[level].height_px;
+    if (width == width_[level] && height == height_[level]) continue;
+    width_[level] = width, height_[level] = height;
+    stride_[level] = (width + kLineFloats - 1) / kLineFloats * kLineFloats + 2 * kPyramidPadding;
+    data_[level] = Allocate(static_cast<std::size_t>(width) * height * kChannels);
+    gray_[level] = Allocate(static_cast<std::size_t>(stride_[level]) * kGrayRows);
   }
   const bool corrected = !frame.irradiance.empty();
   const cv::Mat& input = corrected ? frame.irradiance : frame.image;
-  float* base = data_[0].data();
-  if (geometry.half) {
-    if (corrected) {
-      HalveInput<float>(input, width_[0], height_[0], base);
+  for (int y = 0; y < height_[0]; ++y) {
+    float* row = GrayRow(0, y);
+    if (geometry.half && corrected) {
+      kernels_->halve_floats(input.ptr<float>(2 * y), input.ptr<float>(2 * y + 1), width_[0], row);
+    } else if (geometry.half) {
+      kernels_->halve_bytes(input.ptr<unsigned char>(2 * y), input.ptr<unsigned char>(2 * y + 1), width_[0], row);
+    } else if (corrected) {
+      std::copy_n(input.ptr<float>(y), width_[0], row);
     } else {
-      HalveInput<unsigned char>(input, width_[0], height_[0], base);
+      kernels_->convert_bytes(input.ptr<unsigned char>(y), width_[0], row);
     }
-  } else if (corrected) {
-    CopyIntensity<float>(input, base);
-  } else {
-    CopyIntensity<unsigned char>(input, base);
+    AddRow(0, y);
   }
-  FillGradients(base, width_[0], height_[0]);
-  for (int level = 1; level < geometry.levels; ++level) {
-    HalveLevel(data_[level - 1].data(), width_[level - 1], width_[level], height_[level], data_[level].data());
-    FillGradients(data_[level].data(), width_[level], height_[level]);
+}
+
+// A gray row is read twice more, by the row before for its gradients and by the next level, and is then overwritten:
+// all levels grow together and what they read stays in the first cache.
+void ImagePyramid::AddRow(int level, int y) {
+  const int width = width_[level];
+  if (y >= 2) {
+    kernels_->add_gradients(GrayRow(level, y - 2), GrayRow(level, y - 1), GrayRow(level, y), width,
+                            data_[level].get() + static_cast<std::size_t>(y - 1) * width * kChannels);
+  }
+  if (y == 0 || y + 1 == height_[level]) {
+    const float* gray = GrayRow(level, y);
+    float* out = data_[level].get() + static_cast<std::size_t>(y) * width * kChannels;
+    for (int x = 0; x < width; ++x, out += kChannels) out[0] = gray[x], out[1] = out[2] = out[3] = 0.0f;
+  }
+  if (y % 2 == 1 && level + 1 < levels_ && y / 2 < height_[level + 1]) {
+    kernels_->halve_floats(GrayRow(level, y - 1), GrayRow(level, y), width_[level + 1], GrayRow(level + 1, y / 2));
+    AddRow(level + 1, y / 2);
   }
 }
 

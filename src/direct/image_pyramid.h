@@ -3,13 +3,17 @@
 // Gray levels in [0, 255]; gradients are central differences per pixel of the level, 0 at the border.
 #pragma once
 
+#include <cstdlib>
+#include <memory>
 #include <opencv2/core.hpp>
-#include <vector>
 
+#include "base/cpu_features.h"
 #include "direct/packet.h"
 #include "geometry/pinhole.h"
 
 namespace cairn::direct {
+
+struct PyramidKernels;  // direct/pyramid_kernel.h
 
 inline constexpr int kMaxLevels = 8;
 
@@ -27,19 +31,35 @@ class ImagePyramid {
  public:
   static constexpr int kChannels = 4;
 
+  explicit ImagePyramid(SimdLevel level = ActiveSimdLevel());
+
   // Frame::irradiance if it is there, else Frame::image; the size must fit `geometry`. Reuses its memory.
   void Build(const Frame& frame, const PyramidGeometry& geometry);
 
-  const float* Level(int level) const { return data_[level].data(); }
+  const float* Level(int level) const { return data_[level].get(); }
   int Width(int level) const { return width_[level]; }
   int Height(int level) const { return height_[level]; }
   // Channels of one pixel.
   const float* At(int level, int x, int y) const {
-    return data_[level].data() + kChannels * (static_cast<std::size_t>(y) * width_[level] + x);
+    return data_[level].get() + kChannels * (static_cast<std::size_t>(y) * width_[level] + x);
   }
 
  private:
-  std::vector<float> data_[kMaxLevels];
+  static constexpr int kGrayRows = 3;  // kept per level while building
+  struct Free {
+    void operator()(float* data) const { std::free(data); }
+  };
+  using Buffer = std::unique_ptr<float[], Free>;  // on a cache line
+
+  static Buffer Allocate(std::size_t floats);
+  float* GrayRow(int level, int y);
+  void AddRow(int level, int y);
+
+  const PyramidKernels* kernels_;
+  int levels_ = 0;
+  Buffer data_[kMaxLevels];
+  Buffer gray_[kMaxLevels];  // rows of stride_ floats
+  int stride_[kMaxLevels] = {};
   int width_[kMaxLevels] = {};
   int height_[kMaxLevels] = {};
 };

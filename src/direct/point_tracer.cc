@@ -10,45 +10,7 @@ constexpr int kMaxSteps = 100;
 constexpr float kSecondBestRadiusPx = 2.0f;
 constexpr float kMaxErrorPx = 10.0f;
 constexpr float kBorderPx = 4.0f;
-
-// Intensity and gradient, bilinear; the position must be inside.
-struct Sample {
-  float value, dx, dy;
-};
-
-inline Sample SampleAt(const float* image, int width, float x, float y) {
-  const int ix = static_cast<int>(x), iy = static_cast<int>(y);
-  const float ax = x - static_cast<float>(ix), ay = y - static_cast<float>(iy);
-  const float* p = image + 4 * (static_cast<std::size_t>(iy) * width + ix);
-  const float* q = p + 4 * static_cast<std::size_t>(width);
-  const float w00 = (1 - ax) * (1 - ay), w10 = ax * (1 - ay), w01 = (1 - ax) * ay, w11 = ax * ay;
-  return {w00 * p[0] + w10 * p[4] + w01 * q[0] + w11 * q[4], w00 * p[1] + w10 * p[5] + w01 * q[1] + w11 * q[5],
-          w00 * p[2] + w10 * p[6] + w01 * q[2] + w11 * q[6]};
-}
-
-inline float ValueAt(const float* image, int width, float x, float y) {
-  const int ix = static_cast<int>(x), iy = static_cast<int>(y);
-  const float ax = x - static_cast<float>(ix), ay = y - static_cast<float>(iy);
-  const float* p = image + 4 * (static_cast<std::size_t>(iy) * width + ix);
-  const float* q = p + 4 * static_cast<std::size_t>(width);
-  const float top = p[0] + ax * (p[4] - p[0]), low = q[0] + ax * (q[4] - q[0]);
-  return top + ay * (low - top);
-}
-
-// The pattern turned and scaled like the image around the point, and what it should look like there.
-struct SearchPattern {
-  float dx[kPatternSize], dy[kPatternSize], expected[kPatternSize];
-};
-
-float PatternEnergy(const float* image, int width, const SearchPattern& pattern, float x, float y, float huber) {
-  float energy = 0.0f;
-  for (int k = 0; k < kPatternSize; ++k) {
-    const float r = ValueAt(image, width, x + pattern.dx[k], y + pattern.dy[k]) - pattern.expected[k];
-    const float magnitude = std::abs(r);
-    energy += magnitude < huber ? r * r : huber * (2.0f * magnitude - huber);
-  }
-  return energy;
-}
+constexpr float kReachPx = kBorderPx - 0.5f;  // of the turned and scaled pattern
 
 struct Segment {
   float x, y;    // of the smallest inverse depth
@@ -170,20 +132,25 @@ TraceStatus TracePoint(const ImagePyramid& image, const PairProjection& pair, co
   }
   error_px = std::min(error_px, kMaxErrorPx);
 
-  SearchPattern pattern;
-  const float huber = static_cast<float>(options.huber_gray);
+  TracePattern pattern;
   // The warp's 2x2 part, scaled by its own depth term, turns the pattern.
   const float inverse_z = 1.0f / ray[2];
   for (int k = 0; k < kPatternSize; ++k) {
     const float px = (ray[0] + m[0] * kPatternX[k] + m[1] * kPatternY[k]);
     const float py = (ray[1] + m[3] * kPatternX[k] + m[4] * kPatternY[k]);
     const float pz = (ray[2] + m[6] * kPatternX[k] + m[7] * kPatternY[k]);
-    pattern.dx[k] = std::clamp(px / pz - ray[0] * inverse_z, -kBorderPx + 0.5f, kBorderPx - 0.5f);
-    pattern.dy[k] = std::clamp(py / pz - ray[1] * inverse_z, -kBorderPx + 0.5f, kBorderPx - 0.5f);
+    // In this order a number that is none becomes a bound.
+    pattern.dx[k] = std::min(kReachPx, std::max(-kReachPx, px / pz - ray[0] * inverse_z));
+    pattern.dy[k] = std::min(kReachPx, std::max(-kReachPx, py / pz - ray[1] * inverse_z));
     pattern.expected[k] = pair.offset + pair.gain * (point->color[k] - pair.host_offset);
   }
-  const float* level = image.Level(0);
-  const int width = image.Width(0);
+  TraceLine line;
+  line.image = image.Level(0);
+  line.width = image.Width(0), line.height = image.Height(0);
+  line.pattern = &pattern;
+  line.border = kBorderPx;
+  line.huber = static_cast<float>(options.huber_gray);
+  line.x = segment.x, line.y = segment.y, line.dx = segment.dx, line.dy = segment.dy;
 
   // Discrete search, one pixel per step, from a little before the interval to a little behind it.
   const float margin = segment.bounded ? std::min(error_px, 2.0f) : 0.0f;
@@ -192,16 +159,14 @@ TraceStatus TracePoint(const ImagePyramid& image, const PairProjection& pair, co
   const int steps = std::min(static_cast<int>(length) + 2, kMaxSteps);
   const float step = length / static_cast<float>(steps - 1);
   float energies[kMaxSteps];
-  float best_energy = 1e30f;
+  float best_energy = kOutsideEnergy;
   int best = -1;
+  options.kernels->energies(line, -margin, step, steps, energies);
   for (int i = 0; i < steps; ++i) {
-    const float t = -margin + static_cast<float>(i) * step;
-    const float x = segment.x + t * segment.dx, y = segment.y + t * segment.dy;
-    energies[i] = Inside(image, x, y) ? PatternEnergy(level, width, pattern, x, y, huber) : 1e30f;
     if (energies[i] < best_energy) best_energy = energies[i], best = i;
   }
   if (best < 0) return TraceStatus::kOutOfImage;
-  float second = 1e30f;
+  float second = kOutsideEnergy;
   for (int i = 0; i < steps; ++i) {
     if (std::abs(static_cast<float>(i - best)) * step > kSecondBestRadiusPx) second = std::min(second, energies[i]);
   }
@@ -215,24 +180,15 @@ TraceStatus TracePoint(const ImagePyramid& image, const PairProjection& pair, co
   for (int iteration = 0; iteration < options.refinement_steps; ++iteration) {
     const float x = segment.x + t * segment.dx, y = segment.y + t * segment.dy;
     if (!Inside(image, x, y)) break;
-    float h = 1.0f, b = 0.0f, energy = 0.0f;
-    for (int k = 0; k < kPatternSize; ++k) {
-      const Sample sample = SampleAt(level, width, x + pattern.dx[k], y + pattern.dy[k]);
-      const float r = sample.value - pattern.expected[k];
-      const float j = segment.dx * sample.dx + segment.dy * sample.dy;
-      const float magnitude = std::abs(r);
-      const float w = magnitude < huber ? 1.0f : huber / magnitude;
-      h += w * j * j;
-      b += w * j * r;
-      energy += w * r * r * (2.0f - w);
-    }
-    if (energy > energy_now) {  // went too far: half of the last step
+    TraceSums sums;
+    options.kernels->derivative(line, x, y, &sums);
+    if (sums.energy > energy_now) {  // went too far: half of the last step
       step_back *= 0.5f;
       t -= step_back;
       continue;
     }
-    energy_now = energy;
-    step_back = std::clamp(-b / h, -limit, limit);
+    energy_now = sums.energy;
+    step_back = std::clamp(-sums.b / (1.0f + sums.h), -limit, limit);
     limit *= 0.75f;
     t += step_back;
     if (std::abs(step_back) < 0.02f) break;

@@ -2,7 +2,9 @@
 // enough to activate them (DSO Sec. 3.2).
 #pragma once
 
+#include "base/cpu_features.h"
 #include "direct/keyframe.h"
+#include "direct/trace_kernel.h"
 
 namespace cairn::direct {
 
@@ -11,6 +13,7 @@ struct TraceOptions {
   double slack_px = 1.5;
   double huber_gray = 9.0;
   int refinement_steps = 3;
+  const TraceKernels* kernels = &TraceKernelsFor(ActiveSimdLevel());
 };
 
 // A candidate at an integer pixel of level 0, at least kPatternRadiusPx + 1 from the border; false where it has no

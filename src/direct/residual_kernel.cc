@@ -1,12 +1,13 @@
 #include "direct/residual_kernel.h"
 
+#include "base/cpu_features.h"
 #include "direct/residual_kernel.inl"
 
 namespace cairn::direct {
 
 void ResidualKernelBaseline(const ResidualKernelInput& input, ResidualSums* sums) { ResidualKernelBody(input, sums); }
 
-ResidualKernel BestResidualKernel() {
-  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? ResidualKernelAvx2 : ResidualKernelBaseline;
+ResidualKernel ResidualKernelFor(SimdLevel level) {
+  return level == SimdLevel::kBaseline ? ResidualKernelBaseline : ResidualKernelAvx2;
 }
 }  // namespace cairn::direct

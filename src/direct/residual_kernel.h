@@ -4,6 +4,10 @@
 // depth and (to first order) one geometric Jacobian, so 14 sums over the pattern are enough. Plain pointers, no Eigen.
 #pragma once
 
+namespace cairn {
+enum class SimdLevel;  // base/cpu_features.h
+}
+
 namespace cairn::direct {
 
 inline constexpr int kPatternSize = 8;
@@ -48,6 +52,6 @@ void ResidualKernelBaseline(const ResidualKernelInput& input, ResidualSums* sums
 void ResidualKernelAvx2(const ResidualKernelInput& input, ResidualSums* sums);
 
 using ResidualKernel = void (*)(const ResidualKernelInput&, ResidualSums*);
-ResidualKernel BestResidualKernel();
+ResidualKernel ResidualKernelFor(SimdLevel level);
 
 }  // namespace cairn::direct

@@ -18,9 +18,7 @@ inline void ResidualKernelBody(const ResidualKernelInput& in, ResidualSums* sums
   const V8 kv = (m[3] * x + m[4] * y + (m[5] + pair.shift[1] * in.inverse_depth)) * iz;
   const float x_limit = static_cast<float>(in.width) - 3.0f, y_limit = static_cast<float>(in.height) - 3.0f;
   const V8i inside = (pz > 1e-4f) & (ku > 2.0f) & (kv > 2.0f) & (ku < x_limit) & (kv < y_limit);
-  int outside = 0;
-  for (int k = 0; k < kPatternSize; ++k) outside |= ~inside[k];
-  sums->inside = outside == 0;
+  sums->inside = !AnyLane(~inside);
   if (!sums->inside) return;
 
   V8 value, gx, gy;

@@ -1,5 +1,6 @@
 #include "direct/tracking_kernel.h"
 
+#include "base/cpu_features.h"
 #include "direct/tracking_kernel.inl"
 
 namespace cairn::direct {
@@ -8,8 +9,8 @@ void TrackingKernelBaseline(const TrackingKernelInput& input, TrackingKernelSums
   TrackingKernelBody(input, sums);
 }
 
-TrackingKernel BestTrackingKernel() {
-  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? TrackingKernelAvx2 : TrackingKernelBaseline;
+TrackingKernel TrackingKernelFor(SimdLevel level) {
+  return level == SimdLevel::kBaseline ? TrackingKernelBaseline : TrackingKernelAvx2;
 }
 
 }  // namespace cairn::direct

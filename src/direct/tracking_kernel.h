@@ -6,6 +6,10 @@
 // pointers, no Eigen, so that a variant for wider registers may be chosen at run time.
 #pragma once
 
+namespace cairn {
+enum class SimdLevel;  // base/cpu_features.h
+}
+
 namespace cairn::direct {
 
 struct TrackingKernelInput {
@@ -41,7 +45,6 @@ void TrackingKernelBaseline(const TrackingKernelInput& input, TrackingKernelSums
 void TrackingKernelAvx2(const TrackingKernelInput& input, TrackingKernelSums* sums);
 
 using TrackingKernel = void (*)(const TrackingKernelInput&, TrackingKernelSums*);
-// The fastest that this processor runs.
-TrackingKernel BestTrackingKernel();
+TrackingKernel TrackingKernelFor(SimdLevel level);
 
 }  // namespace cairn::direct

@@ -28,9 +28,7 @@ inline void TrackingKernelBody(const TrackingKernelInput& in, TrackingKernelSums
     const V8 u = px * iz, v = py * iz;
     const V8 ku = in.fx * u + in.cx, kv = in.fy * v + in.cy;
     const V8i inside = (pz > 1e-3f) & (ku > 2.0f) & (kv > 2.0f) & (ku < x_limit) & (kv < y_limit);
-    int any = 0;
-    for (int k = 0; k < kLanes; ++k) any |= inside[k];
-    if (any == 0) continue;
+    if (!AnyLane(inside)) continue;
     // Outside lanes read a harmless place.
     V8 value, gx, gy;
     SampleEight(in.image, in.width, inside ? ku : zero + 2.0f, inside ? kv : zero + 2.0f, &value, &gx, &gy);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/cpu_features.h"
 #include "direct/point_tracer.h"
 
 namespace cairn::direct {
@@ -18,7 +19,10 @@ double ExposureRatio(double target_s, double host_s) {
 }  // namespace
 
 Window::Window(const PyramidGeometry& geometry, const WindowOptions& options)
-    : geometry_(geometry), options_(options), kernel_(BestResidualKernel()), pairs_(kMaxWindow * kMaxWindow) {
+    : geometry_(geometry),
+      options_(options),
+      kernel_(ResidualKernelFor(ActiveSimdLevel())),
+      pairs_(kMaxWindow * kMaxWindow) {
   keyframes_.reserve(kMaxWindow);
   Clear();
 }
