@@ -1,5 +1,5 @@
 // A session of the direct odometry alone: no map, no features, no loops. Takes raw images in temporal order and gives
-// the poses of all frames at the end.
+// the poses of all frames at the end. Tracks in the caller's thread and maps in one of its own, or all in the caller's.
 #pragma once
 
 #include <memory>
@@ -11,11 +11,14 @@
 #include "base/time.h"
 #include "direct/odometry.h"
 #include "engine/frame_preparation.h"
+#include "engine/odometry_runner.h"
 #include "engine/session_record.h"
 
 namespace cairn::engine {
 
 struct OdometrySessionOptions {
+  bool deterministic = false;  // as threads = 1; the same input gives the same output, to the bit
+  int threads = 2;             // 1: everything in the caller's thread; more than 2 are not used
   direct::OdometryOptions odometry;
 
   absl::Status Validate() const;
@@ -51,18 +54,19 @@ class OdometrySession {
   // The live answer. InvalidArgument for an image that does not fit the camera: the frame is skipped, the session goes
   // on.
   absl::StatusOr<direct::FrameResult> AddFrame(const RawFrame& frame);
+  // The same, with preparation() done before: by a FrameFeed, which does it ahead.
+  absl::StatusOr<direct::FrameResult> AddFrame(const direct::Frame& frame) { return runner_->AddFrame(frame); }
+  const FramePreparation& preparation() const { return preparation_; }
 
   // Ends the stream. FailedPrecondition, saying what the odometry waited for, if it never started.
   absl::StatusOr<OdometryReport> Finish();
 
  private:
-  OdometrySession(FramePreparation preparation, std::unique_ptr<direct::Odometry> odometry)
-      : preparation_(std::move(preparation)), odometry_(std::move(odometry)) {}
+  OdometrySession(FramePreparation preparation, std::unique_ptr<OdometryRunner> runner)
+      : preparation_(std::move(preparation)), runner_(std::move(runner)) {}
 
   const FramePreparation preparation_;
-  const std::unique_ptr<direct::Odometry> odometry_;
-  std::string waiting_for_;
-  std::vector<float> frame_ms_;
+  const std::unique_ptr<OdometryRunner> runner_;
 };
 
 }  // namespace cairn::engine

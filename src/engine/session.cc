@@ -1,29 +1,21 @@
 #include "engine/session.h"
 
-#include <chrono>
 #include <mutex>
 #include <thread>
 #include <utility>
 
 #include "base/bounded_queue.h"
 #include "engine/loop_runner.h"
+#include "engine/odometry_runner.h"
 #include "mapping/packet_queue.h"
 
 namespace cairn::engine {
-namespace {
-
-using Clock = std::chrono::steady_clock;
-
-float MillisecondsSince(Clock::time_point start) {
-  return std::chrono::duration<float, std::milli>(Clock::now() - start).count();
-}
-
-}  // namespace
 
 absl::Status SessionOptions::Validate() const {
   CAIRN_RETURN_IF_ERROR(odometry.Validate());
   CAIRN_RETURN_IF_ERROR(mapping.Validate());
   CAIRN_RETURN_IF_ERROR(loops.Validate());
+  if (threads < 1) return absl::InvalidArgumentError("threads must be at least 1");
   if (packet_queue_limit < 1) return absl::InvalidArgumentError("packet_queue_limit must be at least 1");
   if (mapping_backlog < 1) return absl::InvalidArgumentError("mapping_backlog must be at least 1");
   return absl::OkStatus();
@@ -38,45 +30,51 @@ class Session::Impl {
         packets_(options.packet_queue_limit),
         backlog_(static_cast<std::size_t>(options.mapping_backlog)) {}
 
-  ~Impl() { StopThread(); }
+  ~Impl() {
+    SetMappingStatus(absl::CancelledError("the session was abandoned"));  // what is queued is not mapped any more
+    backlog_.Close();
+    runner_.reset();
+    StopThread();
+  }
 
   absl::Status Start(const SessionSource& source, const place::Vocabulary* vocabulary) {
-    CAIRN_ASSIGN_OR_RETURN(odometry_, direct::Odometry::Create(options_.odometry, preparation_.pinhole()));
     CAIRN_ASSIGN_OR_RETURN(session_, BeginSession(source, preparation_.pinhole(), !options_.deterministic, writer_));
     const auto commit = [this](map::Delta delta) { return writer_->Commit(delta); };
     CAIRN_ASSIGN_OR_RETURN(mapper_, mapping::FeatureMapper::Create(options_.mapping, writer_->Current(), session_.id,
                                                                    session_.camera, vocabulary, commit));
     if (options_.close_loops) {
-      CAIRN_ASSIGN_OR_RETURN(loops_, LoopRunner::Create(options_.loops, !options_.deterministic));
+      CAIRN_ASSIGN_OR_RETURN(loops_, LoopRunner::Create(options_.loops, options_.UsedThreads() > 1));
     }
-    if (!options_.deterministic) thread_ = std::thread([this] { MapPackets(); });
+    if (options_.UsedThreads() > 1) thread_ = std::thread([this] { MapPackets(); });
+    OdometryRunnerOptions runner;
+    runner.odometry = options_.odometry;
+    runner.in_background = options_.UsedThreads() > 2;
+    const auto after_mapping = [this](direct::Odometry& odometry) { return HandOver(odometry); };
+    CAIRN_ASSIGN_OR_RETURN(runner_, OdometryRunner::Create(runner, preparation_.pinhole(), after_mapping));
     return absl::OkStatus();
   }
 
-  absl::StatusOr<direct::FrameResult> AddFrame(const RawFrame& raw) {
+  absl::StatusOr<direct::FrameResult> AddFrame(const direct::Frame& frame) {
     CAIRN_RETURN_IF_ERROR(MappingStatus());
-    const Clock::time_point start = Clock::now();
-    CAIRN_ASSIGN_OR_RETURN(const direct::Frame frame, preparation_.Prepare(raw));
-    CAIRN_ASSIGN_OR_RETURN(direct::FrameResult result, odometry_->Process(frame));
-    frame_ms_.push_back(MillisecondsSince(start));
-    last_time_ns_ = raw.time_ns;
-    if (result.state == direct::TrackingState::kInitializing && !result.message.empty()) waiting_for_ = result.message;
-    CAIRN_RETURN_IF_ERROR(HandOver());
+    CAIRN_ASSIGN_OR_RETURN(direct::FrameResult result, runner_->AddFrame(frame));
+    last_time_ns_ = frame.time_ns;
     return result;
   }
+
+  const FramePreparation& preparation() const { return preparation_; }
 
   std::int64_t KeyframesInMap() const { return static_cast<std::int64_t>(writer_->Current()->keyframes().size()); }
 
   absl::StatusOr<SessionReport> Finish() {
-    odometry_->Finish();
-    CAIRN_RETURN_IF_ERROR(HandOver());
+    CAIRN_RETURN_IF_ERROR(runner_->Finish());
     packets_.Flush();
-    CAIRN_RETURN_IF_ERROR(HandOver());
+    CAIRN_RETURN_IF_ERROR(PassOn());
     StopThread();
     CAIRN_RETURN_IF_ERROR(MappingStatus());
     if (!writer_->file_exists()) {
+      const std::string& waited = runner_->waiting_for();
       return absl::FailedPreconditionError(
-          absl::StrCat("no map was made: ", waiting_for_.empty() ? "there was no keyframe to map" : waiting_for_));
+          absl::StrCat("no map was made: ", waited.empty() ? "there was no keyframe to map" : waited));
     }
     if (loops_) CAIRN_RETURN_IF_ERROR(loops_->Finish(mapper_.get()));
     CAIRN_RETURN_IF_ERROR(mapper_->Finish());
@@ -85,29 +83,34 @@ class Session::Impl {
   }
 
  private:
-  // Gives the feature module every keyframe whose turn has come.
-  absl::Status HandOver() {
-    for (direct::KeyframePacket& packet : odometry_->TakePackets()) {
+  // Gives the feature module every keyframe whose turn has come. In the thread that maps for the odometry.
+  absl::Status HandOver(direct::Odometry& odometry) {
+    for (direct::KeyframePacket& packet : odometry.TakePackets()) {
       CAIRN_RETURN_IF_ERROR(packets_.Push(std::move(packet)));
     }
     for (;;) {
-      if (std::optional<direct::KeyframePacket> packet = packets_.Pop()) {
-        if (options_.deterministic) {
-          CAIRN_RETURN_IF_ERROR(MapPacket(*packet));
-        } else {
-          backlog_.Push(std::move(*packet));
-        }
-      } else if (const std::optional<std::int64_t> wanted = packets_.Wanted()) {
-        absl::StatusOr<direct::KeyframePacket> active = odometry_->PacketOf(*wanted);
-        if (active.ok()) {
-          CAIRN_RETURN_IF_ERROR(packets_.Push(*std::move(active)));
-        } else {
-          packets_.Skip(*wanted);
-        }
+      CAIRN_RETURN_IF_ERROR(PassOn());
+      const std::optional<std::int64_t> wanted = packets_.Wanted();
+      if (!wanted) return absl::OkStatus();
+      absl::StatusOr<direct::KeyframePacket> active = odometry.PacketOf(*wanted);
+      if (active.ok()) {
+        CAIRN_RETURN_IF_ERROR(packets_.Push(*std::move(active)));
       } else {
-        return absl::OkStatus();
+        packets_.Skip(*wanted);
       }
     }
+  }
+
+  // Waits while the feature module is too far behind.
+  absl::Status PassOn() {
+    while (std::optional<direct::KeyframePacket> packet = packets_.Pop()) {
+      if (!thread_.joinable()) {
+        CAIRN_RETURN_IF_ERROR(MapPacket(*packet));
+      } else if (!backlog_.Push(std::move(*packet))) {
+        return absl::CancelledError("the session is ending");
+      }
+    }
+    return absl::OkStatus();
   }
 
   absl::Status MapPacket(const direct::KeyframePacket& packet) {
@@ -123,16 +126,18 @@ class Session::Impl {
   void MapPackets() {
     while (std::optional<direct::KeyframePacket> packet = backlog_.Pop()) {
       if (!MappingStatus().ok()) continue;
-      if (absl::Status status = MapPacket(*packet); !status.ok()) {
-        std::lock_guard lock(status_mutex_);
-        mapping_status_ = status;
-      }
+      SetMappingStatus(MapPacket(*packet));
     }
   }
 
   absl::Status MappingStatus() {
     std::lock_guard lock(status_mutex_);
     return mapping_status_;
+  }
+  // The first error stays.
+  void SetMappingStatus(const absl::Status& status) {
+    std::lock_guard lock(status_mutex_);
+    mapping_status_.Update(status);
   }
 
   void StopThread() {
@@ -143,9 +148,9 @@ class Session::Impl {
   SessionReport Report() const {
     const std::shared_ptr<const map::Snapshot> map = writer_->Current();
     SessionReport report;
-    report.odometry = odometry_->Statistics();
+    report.odometry = runner_->odometry().Statistics();
     report.keyframe_poses = mapper_->Trajectory(*map);
-    for (const direct::FrameResult& frame : odometry_->FrameResults()) {
+    for (const direct::FrameResult& frame : runner_->odometry().FrameResults()) {
       const std::optional<SE3> pose = mapping::FramePose(report.keyframe_poses, frame);
       report.frame_poses.push_back({frame.index, frame.time_ns, frame.state, pose});
       if (pose) ++report.frames_tracked;
@@ -159,7 +164,7 @@ class Session::Impl {
       report.loops = loops_->loops();
       report.loop_search_ms = loops_->search_ms();
     }
-    report.frame_ms = frame_ms_;
+    report.frame_ms = runner_->frame_ms();
     report.keyframe_ms = keyframe_ms_;
     return report;
   }
@@ -168,11 +173,9 @@ class Session::Impl {
   const FramePreparation preparation_;
   MapWriter* const writer_;
   map::Session session_;
-  std::unique_ptr<direct::Odometry> odometry_;
-  mapping::PacketQueue packets_;
+  std::unique_ptr<OdometryRunner> runner_;
+  mapping::PacketQueue packets_;  // of the thread that maps for the odometry
   TimeNs last_time_ns_ = 0;
-  std::string waiting_for_;
-  std::vector<float> frame_ms_;
 
   // Used by the feature module's thread while it runs.
   std::unique_ptr<mapping::FeatureMapper> mapper_;
@@ -199,7 +202,12 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Create(const SessionOptions& o
   return std::unique_ptr<Session>(new Session(std::move(impl)));
 }
 
-absl::StatusOr<direct::FrameResult> Session::AddFrame(const RawFrame& frame) { return impl_->AddFrame(frame); }
+absl::StatusOr<direct::FrameResult> Session::AddFrame(const RawFrame& raw) {
+  CAIRN_ASSIGN_OR_RETURN(const direct::Frame frame, impl_->preparation().Prepare(raw));
+  return impl_->AddFrame(frame);
+}
+absl::StatusOr<direct::FrameResult> Session::AddFrame(const direct::Frame& frame) { return impl_->AddFrame(frame); }
+const FramePreparation& Session::preparation() const { return impl_->preparation(); }
 std::int64_t Session::KeyframesInMap() const { return impl_->KeyframesInMap(); }
 absl::StatusOr<SessionReport> Session::Finish() { return impl_->Finish(); }
 

@@ -1,8 +1,9 @@
 // One session: a camera stream becomes (or extends) a map. Takes raw images in temporal order, runs the direct odometry
 // on each and the feature module on the keyframes that leave it, and commits every change of the map as it happens.
 //
-// Owns every thread of the processing: AddFrame() works in the caller's thread, the feature module in one of its own.
-// In deterministic mode there is no thread: the same input gives the same output, to the bit.
+// Owns every thread of the processing: AddFrame() tracks in the caller's thread, the odometry maps in a second one, and
+// the feature module works in a third. In deterministic mode there is none but the caller's: the same input gives the
+// same output, to the bit.
 #pragma once
 
 #include <memory>
@@ -23,7 +24,10 @@
 namespace cairn::engine {
 
 struct SessionOptions {
-  bool deterministic = false;
+  bool deterministic = false;  // as threads = 1, and nothing is recorded that differs from run to run
+  // 1: everything in the caller's thread; 2: the feature module in one of its own; 3: the odometry's mapping too. More
+  // are not used.
+  int threads = 3;
   direct::OdometryOptions odometry;
   mapping::FeatureMapperOptions mapping;
   bool close_loops = false;  // needs a vocabulary
@@ -31,6 +35,7 @@ struct SessionOptions {
   int packet_queue_limit = 5;  // keyframes waiting for an older one (paper Sec. V)
   int mapping_backlog = 8;     // packets waiting for the feature module; the odometry then waits for it
 
+  int UsedThreads() const { return deterministic ? 1 : threads; }
   absl::Status Validate() const;
 };
 
@@ -70,6 +75,9 @@ class Session {
   // The live answer. InvalidArgument for an image that does not fit the camera: the frame is skipped, the session goes
   // on. Any other error (the map could not be written) ends it.
   absl::StatusOr<direct::FrameResult> AddFrame(const RawFrame& frame);
+  // The same, with preparation() done before: by a FrameFeed, which does it ahead.
+  absl::StatusOr<direct::FrameResult> AddFrame(const direct::Frame& frame);
+  const FramePreparation& preparation() const;
 
   // Keyframes that the map holds by now.
   std::int64_t KeyframesInMap() const;

@@ -1,4 +1,5 @@
 """A small office, rendered, mapped, aligned, relocalized and evaluated through the command line, as a user would."""
+import json
 import pathlib
 import shutil
 import signal
@@ -139,6 +140,22 @@ class Office(unittest.TestCase):
         info = must('info', killed)
         self.assertGreaterEqual(info['keyframes'], 1)
 
+    def test_an_interrupted_run_writes_what_it_has(self):
+        cut, frames = self.folder / 'cut.cairn', self.folder / 'cut.txt'
+        process = subprocess.Popen([BINARY, 'run', str(self.first), '--map', str(cut), '--trajectory', str(frames),
+                                    '--realtime', '0.1', '--json'], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 120
+        while not cut.exists() and time.monotonic() < deadline and process.poll() is None:
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        report = json.loads(process.communicate(timeout=120)[0])
+        self.assertEqual(process.returncode, 130)
+        self.assertTrue(report['interrupted'])
+        self.assertLess(report['frames_tracked'], report['frames'])
+        poses = [line for line in frames.read_text().splitlines() if not line.startswith('#')]
+        self.assertEqual(len(poses), report['frames_tracked'])
+        self.assertTrue(all(s['complete'] for s in must('info', cut)['sessions']))
+
     def damaged_copy(self, name, at_share):
         content = bytearray(self.map.read_bytes())
         start = int(len(content) * at_share)
@@ -195,7 +212,8 @@ class CommandLine(unittest.TestCase):
 
     def test_usage_errors_exit_with_2(self):
         for arguments in ([], ['no_such_verb'], ['run'], ['run', 'x', '--map', 'y', '--unknown'], ['run', 'x'],
-                          ['run', 'x', '--map', 'y', '--odometry-only']):
+                          ['run', 'x', '--map', 'y', '--odometry-only'], ['run', 'x', '--map', 'y', '--realtime', '-1'],
+                          ['run', 'x', '--map', 'y', '--realtime', '--deterministic']):
             self.assertEqual(cairn(*arguments, json_output=False).code, 2, arguments)
 
     def test_the_version_is_printed(self):

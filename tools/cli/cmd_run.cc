@@ -6,13 +6,34 @@ namespace cairn::cli {
 namespace {
 
 int Run(const RunOptions& options) {
-  const absl::Status status = options.odometry_only    ? TrackSequence(options)
-                              : !options.poses.empty() ? MapStills(options)
-                                                       : MapSequence(options);
-  return status.ok() ? kOk : Fail("run", status, options.json);
+  InterruptWatch interrupt;
+  const absl::Status status = options.odometry_only    ? TrackSequence(options, &interrupt)
+                              : !options.poses.empty() ? MapStills(options, &interrupt)
+                                                       : MapSequence(options, &interrupt);
+  const int code = status.ok() ? kOk : Fail("run", status, options.json);
+  return interrupt.exit_code() != 0 ? interrupt.exit_code() : code;
 }
 
 }  // namespace
+
+FeedSettings ToFeedSettings(const RunOptions& options, std::string progress) {
+  FeedSettings settings;
+  settings.verb = "run";
+  settings.progress = std::move(progress);
+  settings.quiet = options.json;
+  settings.feed.in_background = !options.session.deterministic && options.threads != 1;
+  settings.feed.realtime_speed = options.realtime_speed;
+  return settings;
+}
+
+// Offline the feed reads ahead in its own thread; a second one would only make it wait. A live camera's images are
+// there when they are due.
+absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenRunInput(const RunOptions& options) {
+  InputOptions input = options.input;
+  const bool feed_reads = !options.session.deterministic && options.realtime_speed == 0.0 && options.poses.empty();
+  if (feed_reads) input.open.prefetch = 0;
+  return OpenInput(input);
+}
 
 void AddRunCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("run", "Map a sequence into a map file, or only track it");
@@ -32,8 +53,20 @@ void AddRunCommand(CLI::App& app, Action* action) {
                                              "Vocabulary file; the one that comes with Cairn if not given");
   CLI::Option* picture =
       verb->add_option("--picture", options->picture, "Draw the map from above to this .png or .svg file");
-  verb->add_flag("--deterministic", options->session.deterministic,
-                 "One thread, fixed order: two runs give identical output");
+  CLI::Option* deterministic = verb->add_flag("--deterministic", options->session.deterministic,
+                                              "One thread, fixed order: two runs give identical output");
+  verb->add_option("--threads", options->threads,
+                   "1: everything in one, in the order of --deterministic; 2: the feature module in one of its own; "
+                   "3: mapping of the odometry too (default). Reading images ahead takes a further one, except with 1")
+      ->check(CLI::Range(1, 64))
+      ->excludes(deterministic);
+  verb->add_option("--realtime", options->realtime_speed,
+                   "Play the sequence like a live camera, at SPEED times its own pace (1 if not given): frames that "
+                   "come while tracking is busy are dropped, and counted")
+      ->type_name("[SPEED]")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->excludes(deterministic)
+      ->excludes(poses);
   verb->add_flag("--full-resolution", options->session.odometry.full_resolution,
                  "Track on full instead of half resolution: slower");
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");

@@ -1,6 +1,5 @@
 // cairn run --map: maps a sequence into a map file.
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 
@@ -34,37 +33,26 @@ absl::Status WritePoses(const std::string& path, const std::vector<std::pair<Tim
 }
 
 void PrintReport(const RunOptions& options, const engine::SessionReport& report, const io::SourceInfo& info,
-                 std::int64_t skipped, double elapsed_s) {
-  const double total = static_cast<double>(info.num_frames);
-  const double tracked_share = total > 0.0 ? static_cast<double>(report.frames_tracked) / total : 0.0;
-  const double speed = elapsed_s > 0.0 ? info.duration_s / elapsed_s : 0.0;
+                 const FeedReport& feed, const InterruptWatch& interrupt) {
   if (options.json) {
-    PrintJson({{"map", options.map},
-               {"frames", info.num_frames},
-               {"frames_tracked", report.frames_tracked},
-               {"tracked_share", tracked_share},
-               {"frames_skipped", skipped},
-               {"direct_keyframes", report.direct_keyframes},
-               {"keyframes", report.keyframes},
-               {"points", report.points},
-               {"segments", report.odometry.segments},
-               {"feature_losses", report.feature_losses},
-               {"elapsed_s", elapsed_s},
-               {"duration_s", info.duration_s},
-               {"realtime_factor", speed},
-               {"frame_ms", SampleStatistics(report.frame_ms)},
-               {"track_ms", SampleStatistics(report.odometry.track.samples_ms)},
-               {"keyframe_ms", SampleStatistics(report.keyframe_ms)}});
+    nlohmann::ordered_json json = {{"map", options.map}};
+    AddFeedJson(feed, info, report.frames_tracked, interrupt, &json);
+    json.update({{"direct_keyframes", report.direct_keyframes},
+                 {"keyframes", report.keyframes},
+                 {"points", report.points},
+                 {"segments", report.odometry.segments},
+                 {"feature_losses", report.feature_losses},
+                 {"frame_ms", SampleStatistics(report.frame_ms)},
+                 {"track_ms", SampleStatistics(report.odometry.track.samples_ms)},
+                 {"keyframe_ms", SampleStatistics(report.keyframe_ms)}});
+    PrintJson(json);
     return;
   }
   std::printf("%s: %lld keyframes, %lld points\n", options.map.c_str(), static_cast<long long>(report.keyframes),
               static_cast<long long>(report.points));
-  std::printf("  tracked %lld of %lld frames (%.1f %%) in %.1f s, %.1f x real time\n",
-              static_cast<long long>(report.frames_tracked), static_cast<long long>(info.num_frames),
-              100.0 * tracked_share, elapsed_s, speed);
+  PrintFeed(feed, info, report.frames_tracked, interrupt);
   std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
               Percentile(report.frame_ms, 0.5), Mean(report.frame_ms), Percentile(report.keyframe_ms, 0.5));
-  if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
   if (report.feature_losses > 0) {
     std::printf("  the feature map was lost %lld times; the odometry bridged it\n",
                 static_cast<long long>(report.feature_losses));
@@ -72,19 +60,6 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
 }
 
 }  // namespace
-
-engine::RawFrame ToRaw(const io::SourceFrame& frame) {
-  return {frame.sequence_index, frame.time_ns, frame.gray, frame.exposure_s};
-}
-
-engine::SessionSource ToSessionSource(const io::SourceInfo& info) {
-  engine::SessionSource source;
-  source.name = info.name;
-  source.camera = info.camera;
-  source.photometric = info.photometric;
-  source.first_ns = info.first_time_ns;
-  return source;
-}
 
 absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
   for (const std::string* output : {&options.trajectory, &options.keyframes, &options.picture}) {
@@ -94,7 +69,7 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.map, options.trajectory, options.keyframes, options.picture},
                                       {options.input.open.camera_path, options.poses, options.vocabulary}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
-  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
   CAIRN_ASSIGN_OR_RETURN(place::Vocabulary vocabulary, options.vocabulary.empty()
                                                            ? place::LoadDefaultVocabulary()
                                                            : place::Vocabulary::Load(options.vocabulary));
@@ -140,32 +115,32 @@ absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map
   return options.picture.empty() ? absl::OkStatus() : DrawMap(map, options.picture);
 }
 
-absl::Status MapSequence(const RunOptions& options) {
+absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(MapRun run, PrepareMapRun(options));
-  const io::SourceInfo info = run.source->info();
+  engine::SessionOptions session_options = options.session;
+  if (options.threads > 0) session_options.threads = options.threads;
   CAIRN_ASSIGN_OR_RETURN(
-      std::unique_ptr<engine::Session> session,
-      engine::Session::Create(options.session, run.session_source, &run.vocabulary, run.writer.get()));
-  const auto start = std::chrono::steady_clock::now();
-  SkippedFrames skipped("run", options.json);
-  Progress progress("mapping", info.num_frames, options.json);
-  const absl::Status read =
-      ForEachFrame(*run.source, &skipped, &progress, [&](const io::SourceFrame& frame) -> absl::StatusOr<std::string> {
-        CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(ToRaw(frame)));
-        const bool waits = result.state == direct::TrackingState::kInitializing;
-        return waits ? result.message : absl::StrCat(session->KeyframesInMap(), " keyframes");
-      });
-  CAIRN_RETURN_IF_ERROR(read);
-  CAIRN_ASSIGN_OR_RETURN(const engine::SessionReport report, session->Finish());
-  progress.Finish();
-  const double elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+      const std::unique_ptr<engine::Session> session,
+      engine::Session::Create(session_options, run.session_source, &run.vocabulary, run.writer.get()));
+  engine::SessionReport report;
+  const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
+    CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
+    const bool waits = result.state == direct::TrackingState::kInitializing;
+    return waits ? result.message : absl::StrCat(session->KeyframesInMap(), " keyframes");
+  };
+  const auto finish = [&]() -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(report, session->Finish());
+    return absl::OkStatus();
+  };
+  CAIRN_ASSIGN_OR_RETURN(const FeedReport feed, FeedSequence(ToFeedSettings(options, "mapping"), run.source.get(),
+                                                             session->preparation(), interrupt, add, finish));
   std::vector<std::pair<TimeNs, SE3>> frame_poses;
   for (const engine::FramePose& frame : report.frame_poses) {
     if (frame.map_from_camera) frame_poses.emplace_back(frame.time_ns, *frame.map_from_camera);
   }
   CAIRN_RETURN_IF_ERROR(run.writer->Close());
   CAIRN_RETURN_IF_ERROR(WriteMapOutputs(options, *run.writer->Current(), frame_poses));
-  PrintReport(options, report, info, skipped.count(), elapsed_s);
+  PrintReport(options, report, run.source->info(), feed, *interrupt);
   return absl::OkStatus();
 }
 

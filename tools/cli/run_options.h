@@ -1,8 +1,7 @@
-// What the ways of `cairn run` share: its options, and the loop over a sequence's images. Each way is a file of its
-// own: run_map.cc (a sequence into a map), run_stills.cc (stills with known poses), run_odometry.cc (poses only).
+// What the ways of `cairn run` share. Each way is a file of its own: run_map.cc (a sequence into a map), run_stills.cc
+// (stills with known poses), run_odometry.cc (poses only).
 #pragma once
 
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -10,7 +9,8 @@
 #include "base/status.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
-#include "engine/frame_preparation.h"
+#include "cli/interrupt.h"
+#include "cli/run_feed.h"
 #include "engine/map_writer.h"
 #include "engine/session.h"
 #include "io/frame_source.h"
@@ -31,13 +31,19 @@ struct RunOptions {
   engine::SessionOptions session;
   mapping::PosedMapperOptions posed;
   bool odometry_only = false;
+  int threads = 0;              // 0: as many as are of use
+  double realtime_speed = 0.0;  // 0: as fast as possible
   bool overwrite = false;
   bool json = false;
 };
 
-absl::Status MapSequence(const RunOptions& options);
-absl::Status MapStills(const RunOptions& options);
-absl::Status TrackSequence(const RunOptions& options);
+absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt);
+absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt);
+absl::Status TrackSequence(const RunOptions& options, InterruptWatch* interrupt);
+
+// How the frames come to a session.
+FeedSettings ToFeedSettings(const RunOptions& options, std::string progress);
+absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenRunInput(const RunOptions& options);
 
 // Everything that a run into a map needs besides the session.
 struct MapRun {
@@ -53,24 +59,5 @@ absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map
                              const std::vector<std::pair<TimeNs, SE3>>& frame_poses);
 // Of all keyframes, map_from_camera in temporal order.
 std::vector<std::pair<TimeNs, SE3>> MapKeyframePoses(const map::Snapshot& map);
-
-// The stream that a session is told of.
-engine::SessionSource ToSessionSource(const io::SourceInfo& info);
-engine::RawFrame ToRaw(const io::SourceFrame& frame);
-
-// From files to frames: reads, skips what is damaged, shows the progress. `handle` returns the note behind the bar.
-template <class Handle>
-absl::Status ForEachFrame(io::FrameSource& source, SkippedFrames* skipped, Progress* progress, const Handle& handle) {
-  for (;;) {
-    CAIRN_ASSIGN_OR_RETURN(std::optional<io::SourceFrame> frame, source.Next());
-    if (!frame) return absl::OkStatus();
-    if (!frame->status.ok()) {
-      skipped->Add(frame->path, frame->status);
-      continue;
-    }
-    CAIRN_ASSIGN_OR_RETURN(const std::string note, handle(*frame));
-    progress->Update(frame->index + 1, note);
-  }
-}
 
 }  // namespace cairn::cli

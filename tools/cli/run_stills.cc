@@ -1,6 +1,8 @@
 // cairn run --map --poses: stills whose poses are known become a map, without odometry.
 #include <algorithm>
+#include <atomic>
 #include <cstdio>
+#include <optional>
 
 #include "cli/run_options.h"
 #include "engine/posed_session.h"
@@ -19,7 +21,7 @@ const io::StampedPose* PoseAt(const std::vector<io::StampedPose>& poses, TimeNs 
 
 }  // namespace
 
-absl::Status MapStills(const RunOptions& options) {
+absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(io::Trajectory given, io::ReadTrajectory(options.poses));
   std::sort(given.poses.begin(), given.poses.end(), [](const auto& a, const auto& b) { return a.time_ns < b.time_ns; });
   CAIRN_ASSIGN_OR_RETURN(MapRun run, PrepareMapRun(options));
@@ -30,18 +32,24 @@ absl::Status MapStills(const RunOptions& options) {
   SkippedFrames skipped("run", options.json);
   Progress progress("mapping", info.num_frames, options.json);
   std::int64_t used = 0;
-  const absl::Status read =
-      ForEachFrame(*run.source, &skipped, &progress, [&](const io::SourceFrame& frame) -> absl::StatusOr<std::string> {
-        const io::StampedPose* pose = PoseAt(given.poses, frame.time_ns);
-        if (pose == nullptr) {
-          skipped.Add(frame.path, absl::NotFoundError(absl::StrCat("no pose for it in ", options.poses)));
-          return std::string();
-        }
-        CAIRN_RETURN_IF_ERROR(session->AddFrame(ToRaw(frame), pose->world_from_camera));
+  std::atomic<bool> stop = false;
+  {
+    const InterruptWatch::Guard guard(interrupt, [&] { stop = true; });
+    while (!stop) {
+      CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, run.source->Next());
+      if (!frame) break;
+      const io::StampedPose* pose = PoseAt(given.poses, frame->time_ns);
+      if (!frame->status.ok()) {
+        skipped.Add(frame->path, frame->status);
+      } else if (pose == nullptr) {
+        skipped.Add(frame->path, absl::NotFoundError(absl::StrCat("no pose for it in ", options.poses)));
+      } else {
+        CAIRN_RETURN_IF_ERROR(session->AddFrame(ToRaw(*frame), pose->world_from_camera));
         ++used;
-        return std::string();
-      });
-  CAIRN_RETURN_IF_ERROR(read);
+      }
+      progress.Update(frame->index + 1);
+    }
+  }
   progress.Finish();
   CAIRN_ASSIGN_OR_RETURN(const mapping::PosedMapperReport report, session->Finish());
   CAIRN_RETURN_IF_ERROR(run.writer->Close());
@@ -52,6 +60,7 @@ absl::Status MapStills(const RunOptions& options) {
                {"frames", info.num_frames},
                {"frames_used", used},
                {"frames_skipped", skipped.count()},
+               {"interrupted", interrupt->exit_code() != 0},
                {"keyframes", report.keyframes},
                {"points", report.points},
                {"observations", report.observations},
@@ -60,6 +69,7 @@ absl::Status MapStills(const RunOptions& options) {
     std::printf("%s: %d keyframes with given poses, %d points, reprojection %.2f px RMSE\n", options.map.c_str(),
                 report.keyframes, report.points, report.rmse_px);
     if (skipped.count() > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped.count()));
+    if (interrupt->exit_code() != 0) std::printf("  interrupted: the map holds the images up to there\n");
   }
   return absl::OkStatus();
 }

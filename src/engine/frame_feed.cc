@@ -1,0 +1,102 @@
+#include "engine/frame_feed.h"
+
+#include <cmath>
+#include <utility>
+
+namespace cairn::engine {
+
+absl::Status FrameFeedOptions::Validate() const {
+  if (ahead < 1) return absl::InvalidArgumentError("a feed must be allowed at least 1 frame ahead");
+  if (!(realtime_speed >= 0.0) || !std::isfinite(realtime_speed)) {
+    return absl::InvalidArgumentError(absl::StrCat("the speed of playing is ", realtime_speed,
+                                                   " but must be positive, or 0 for as fast as possible"));
+  }
+  return absl::OkStatus();
+}
+
+FrameFeed::FrameFeed(const FrameFeedOptions& options, const FramePreparation& preparation, Read read)
+    : options_(options), preparation_(preparation), read_(std::move(read)) {
+  if (options_.in_background || options_.realtime_speed > 0.0) thread_ = std::thread([this] { Work(); });
+}
+
+FrameFeed::~FrameFeed() {
+  Stop();
+  if (thread_.joinable()) thread_.join();
+}
+
+void FrameFeed::Stop() {
+  std::lock_guard lock(mutex_);
+  stopped_ = true;
+  changed_.notify_all();
+}
+
+std::int64_t FrameFeed::dropped() const {
+  std::lock_guard lock(mutex_);
+  return dropped_;
+}
+
+absl::StatusOr<std::optional<FedFrame>> FrameFeed::Next() {
+  std::unique_lock lock(mutex_);
+  if (!thread_.joinable()) {
+    if (stopped_) return std::optional<FedFrame>();
+    lock.unlock();
+    return Fetch();
+  }
+  changed_.wait(lock, [&] { return stopped_ || ended_ || !waiting_.empty(); });
+  if (stopped_) return std::optional<FedFrame>();
+  if (waiting_.empty()) {
+    CAIRN_RETURN_IF_ERROR(status_);
+    return std::optional<FedFrame>();
+  }
+  std::optional<FedFrame> fed(std::move(waiting_.front()));
+  waiting_.pop_front();
+  changed_.notify_all();
+  return fed;
+}
+
+absl::StatusOr<std::optional<FedFrame>> FrameFeed::Fetch() {
+  CAIRN_ASSIGN_OR_RETURN(const std::optional<RawFrame> raw, read_());
+  if (!raw) return std::optional<FedFrame>();
+  if (options_.realtime_speed > 0.0) WaitUntilDue(raw->time_ns);
+  const Clock::time_point start = Clock::now();
+  CAIRN_ASSIGN_OR_RETURN(direct::Frame frame, preparation_.Prepare(*raw));
+  const float prepare_ms = std::chrono::duration<float, std::milli>(Clock::now() - start).count();
+  return std::optional<FedFrame>({std::move(frame), start, prepare_ms});
+}
+
+// A frame that could not be read in time arrives late; those after it are due by the clock again.
+void FrameFeed::WaitUntilDue(TimeNs time_ns) {
+  if (!begin_) {
+    begin_ = Clock::now();
+    first_ns_ = time_ns;
+  }
+  const std::chrono::duration<double> since(ToSeconds(time_ns - first_ns_) / options_.realtime_speed);
+  const Clock::time_point due = *begin_ + std::chrono::duration_cast<Clock::duration>(since);
+  std::unique_lock lock(mutex_);
+  changed_.wait_until(lock, due, [&] { return stopped_; });
+}
+
+void FrameFeed::Work() {
+  for (;;) {
+    absl::StatusOr<std::optional<FedFrame>> fed = Fetch();
+    std::unique_lock lock(mutex_);
+    if (stopped_) return;
+    if (!fed.ok() || !fed->has_value()) {
+      status_ = fed.status();
+      ended_ = true;
+      changed_.notify_all();
+      return;
+    }
+    if (options_.realtime_speed > 0.0) {
+      dropped_ += static_cast<std::int64_t>(waiting_.size());
+      waiting_.clear();
+    } else {
+      changed_.wait(lock, [&] { return stopped_ || waiting_.size() < static_cast<std::size_t>(options_.ahead); });
+      if (stopped_) return;
+    }
+    waiting_.push_back(**std::move(fed));
+    changed_.notify_all();
+  }
+}
+
+}  // namespace cairn::engine

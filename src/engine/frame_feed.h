@@ -1,0 +1,83 @@
+// Brings the frames of a recording to a session: reads and prepares (undistorts) them ahead in a thread of its own, and
+// can play the recording like a live camera, which waits for nobody.
+//
+//   FrameFeed feed(options, preparation, [&] { return source->Next(); });
+//   while (auto fed = feed.Next()) session->AddFrame(fed->frame);
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+#include "base/status.h"
+#include "engine/frame_preparation.h"
+
+namespace cairn::engine {
+
+struct FrameFeedOptions {
+  bool in_background = true;  // read and prepare in a thread; always so in real time
+  int ahead = 8;              // frames prepared and waiting, if not in real time
+  // 0: frames come as fast as they are taken. Otherwise the recording is played at this multiple of its own pace, and a
+  // frame that arrives while another one still waits replaces it.
+  double realtime_speed = 0.0;
+
+  absl::Status Validate() const;
+};
+
+struct FedFrame {
+  direct::Frame frame;
+  std::chrono::steady_clock::time_point arrival;  // when it had been read; in real time not before it was due
+  float prepare_ms = 0.0f;
+};
+
+class FrameFeed {
+ public:
+  // The next image of the recording, in temporal order; nothing at its end. Called by one thread at a time.
+  using Read = std::function<absl::StatusOr<std::optional<RawFrame>>()>;
+
+  // `options` must be valid; `preparation` and what `read` uses must outlive the feed.
+  FrameFeed(const FrameFeedOptions& options, const FramePreparation& preparation, Read read);
+  ~FrameFeed();
+  FrameFeed(const FrameFeed&) = delete;
+  FrameFeed& operator=(const FrameFeed&) = delete;
+
+  // Waits for a frame; nothing at the end of the recording, or after Stop(). Errors of reading and preparing end it.
+  absl::StatusOr<std::optional<FedFrame>> Next();
+  // The recording ends here. From any thread.
+  void Stop();
+
+  // Frames that arrived and were replaced by a later one before they were taken.
+  std::int64_t dropped() const;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  // Reads and prepares one frame; nothing at the end.
+  absl::StatusOr<std::optional<FedFrame>> Fetch();
+  void Work();
+  void WaitUntilDue(TimeNs time_ns);  // mutex_ not held
+
+  const FrameFeedOptions options_;
+  const FramePreparation& preparation_;
+  const Read read_;
+
+  // Of the thread that reads.
+  std::optional<Clock::time_point> begin_;  // when the first frame was due
+  TimeNs first_ns_ = 0;
+
+  mutable std::mutex mutex_;  // guards what follows
+  std::condition_variable changed_;
+  std::deque<FedFrame> waiting_;
+  absl::Status status_;
+  bool ended_ = false;    // no more will come
+  bool stopped_ = false;  // no more is wanted
+  std::int64_t dropped_ = 0;
+  std::thread thread_;
+};
+
+}  // namespace cairn::engine

@@ -1,0 +1,173 @@
+#include "engine/frame_feed.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <future>
+#include <vector>
+
+namespace cairn::engine {
+namespace {
+
+using ::testing::HasSubstr;
+
+SessionSource TestSource() {
+  SessionSource source;
+  source.name = "test";
+  source.camera.width_px = 64;
+  source.camera.height_px = 48;
+  source.camera.fx_px = source.camera.fy_px = 60.0;
+  source.camera.cx_px = 31.5;
+  source.camera.cy_px = 23.5;
+  return source;
+}
+
+FramePreparation MakePreparation() {
+  auto preparation = FramePreparation::Create(TestSource());
+  EXPECT_TRUE(preparation.ok()) << preparation.status();
+  return *std::move(preparation);
+}
+
+// Frames 0 to count - 1, a nanosecond apart; `at_end` is called when more are asked for.
+FrameFeed::Read Recording(
+    int count, std::function<void()> at_end = [] {}) {
+  return [count, at_end, next = 0]() mutable -> absl::StatusOr<std::optional<RawFrame>> {
+    if (next == count) {
+      at_end();
+      return std::optional<RawFrame>();
+    }
+    RawFrame frame;
+    frame.index = next;
+    frame.time_ns = 1000 + next;
+    frame.gray = cv::Mat(48, 64, CV_8UC1, cv::Scalar(next));
+    ++next;
+    return std::optional<RawFrame>(frame);
+  };
+}
+
+std::vector<std::int64_t> TakeAll(FrameFeed& feed) {
+  std::vector<std::int64_t> indices;
+  for (;;) {
+    auto fed = feed.Next();
+    EXPECT_TRUE(fed.ok()) << fed.status();
+    if (!fed.ok() || !fed->has_value()) return indices;
+    indices.push_back((*fed)->frame.index);
+  }
+}
+
+TEST(FrameFeed, GivesEveryFrameInOrderWithAndWithoutAThread) {
+  const FramePreparation preparation = MakePreparation();
+  for (const bool in_background : {false, true}) {
+    FrameFeedOptions options;
+    options.in_background = in_background;
+    options.ahead = 3;
+    FrameFeed feed(options, preparation, Recording(20));
+    const std::vector<std::int64_t> indices = TakeAll(feed);
+    ASSERT_EQ(indices.size(), 20u);
+    for (std::int64_t i = 0; i < 20; ++i) EXPECT_EQ(indices[static_cast<std::size_t>(i)], i);
+    EXPECT_EQ(feed.dropped(), 0);
+    EXPECT_TRUE(TakeAll(feed).empty());
+  }
+}
+
+TEST(FrameFeed, ReadsNoFurtherAheadThanAllowed) {
+  const FramePreparation preparation = MakePreparation();
+  FrameFeedOptions options;
+  options.ahead = 2;
+  std::atomic<int> read = 0;
+  FrameFeed feed(options, preparation, [&, recording = Recording(50)]() mutable {
+    ++read;
+    return recording();
+  });
+  for (int taken = 1; taken <= 50; ++taken) {
+    const auto fed = feed.Next();
+    ASSERT_TRUE(fed.ok() && fed->has_value());
+    EXPECT_LE(read, taken + 2 + 1);  // waiting, and one in the hand
+  }
+}
+
+TEST(FrameFeed, ALiveCameraReplacesTheWaitingFrameAndCountsIt) {
+  const FramePreparation preparation = MakePreparation();
+  FrameFeedOptions options;
+  options.realtime_speed = 1.0;
+  std::promise<void> all_arrived;
+  FrameFeed feed(options, preparation, Recording(10, [&] { all_arrived.set_value(); }));
+  all_arrived.get_future().wait();
+  EXPECT_EQ(TakeAll(feed), std::vector<std::int64_t>{9});
+  EXPECT_EQ(feed.dropped(), 9);
+}
+
+TEST(FrameFeed, ALiveCameraKeepsThePace) {
+  const FramePreparation preparation = MakePreparation();
+  FrameFeedOptions options;
+  options.realtime_speed = 2.0;
+  const auto start = std::chrono::steady_clock::now();
+  FrameFeed feed(options, preparation, [recording = Recording(3)]() mutable {
+    auto frame = recording();
+    if (frame.ok() && frame->has_value()) (*frame)->time_ns = (*frame)->index * 20'000'000;
+    return frame;
+  });
+  std::int64_t last = -1;
+  for (;;) {
+    const auto fed = feed.Next();
+    ASSERT_TRUE(fed.ok());
+    if (!fed->has_value()) break;
+    last = (*fed)->frame.index;
+    EXPECT_GE((*fed)->arrival - start, std::chrono::milliseconds(10 * last));  // never before it is due
+  }
+  EXPECT_EQ(last, 2);
+}
+
+TEST(FrameFeed, StopEndsItAtOnce) {
+  const FramePreparation preparation = MakePreparation();
+  FrameFeedOptions live;
+  live.realtime_speed = 1e-9;  // the second frame is due in a second, those after it later
+  FrameFeed feed(live, preparation, Recording(100));
+  ASSERT_TRUE(feed.Next()->has_value());
+  feed.Stop();
+  EXPECT_TRUE(TakeAll(feed).empty());
+  FrameFeedOptions here;
+  here.in_background = false;
+  FrameFeed inline_feed(here, preparation, Recording(100));
+  ASSERT_TRUE(inline_feed.Next()->has_value());
+  inline_feed.Stop();
+  EXPECT_TRUE(TakeAll(inline_feed).empty());
+}
+
+TEST(FrameFeed, ErrorsOfReadingAndOfImagesArriveAfterTheFramesBeforeThem) {
+  const FramePreparation preparation = MakePreparation();
+  for (const bool in_background : {false, true}) {
+    for (const bool bad_image : {false, true}) {
+      FrameFeedOptions options;
+      options.in_background = in_background;
+      FrameFeed feed(options, preparation,
+                     [&, recording = Recording(5), count = 0]() mutable -> absl::StatusOr<std::optional<RawFrame>> {
+                       if (++count < 3) return recording();
+                       if (!bad_image) return absl::DataLossError("the disk broke");
+                       RawFrame small;
+                       small.gray = cv::Mat(10, 10, CV_8UC1, cv::Scalar(0));
+                       return std::optional<RawFrame>(small);
+                     });
+      EXPECT_TRUE(feed.Next()->has_value());
+      EXPECT_TRUE(feed.Next()->has_value());
+      const absl::Status status = feed.Next().status();
+      EXPECT_THAT(std::string(status.message()), HasSubstr(bad_image ? "10x10" : "the disk broke"));
+    }
+  }
+}
+
+TEST(FrameFeed, BadOptionsAreRefused) {
+  FrameFeedOptions options;
+  EXPECT_TRUE(options.Validate().ok());
+  options.ahead = 0;
+  EXPECT_FALSE(options.Validate().ok());
+  options = {};
+  options.realtime_speed = -1.0;
+  EXPECT_FALSE(options.Validate().ok());
+}
+
+}  // namespace
+}  // namespace cairn::engine

@@ -1,0 +1,76 @@
+// Drives the direct odometry: frames are tracked in the caller's thread, and mapped (points traced, keyframes made and
+// optimized) in a thread of their own or, single-threaded, before the call returns.
+//
+// The hand-over is bounded: a frame waits to be tracked while more than `max_pending` frames wait to be mapped, so that
+// the window never lags far behind the poses.
+#pragma once
+
+#include <condition_variable>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "base/status.h"
+#include "direct/odometry.h"
+
+namespace cairn::engine {
+
+struct OdometryRunnerOptions {
+  direct::OdometryOptions odometry;
+  bool in_background = true;  // map in a thread of its own
+  int max_pending = 4;        // frames tracked and not mapped yet
+
+  absl::Status Validate() const;
+};
+
+class OdometryRunner {
+ public:
+  // Called after each mapped frame, and once more at the end, always by the thread that maps: the one place where
+  // TakePackets() and PacketOf() may be called. An error ends the run.
+  using AfterMapping = std::function<absl::Status(direct::Odometry&)>;
+
+  static absl::StatusOr<std::unique_ptr<OdometryRunner>> Create(const OdometryRunnerOptions& options,
+                                                                const Pinhole& camera, AfterMapping after_mapping);
+  // Ends the thread; frames that wait are not mapped any more. `after_mapping` must be able to return by then.
+  ~OdometryRunner();
+  OdometryRunner(const OdometryRunner&) = delete;
+  OdometryRunner& operator=(const OdometryRunner&) = delete;
+
+  // The live answer; single-threaded, the best known after mapping. InvalidArgument for a frame that the odometry
+  // refuses: nothing has changed then. The error of `after_mapping`, once there was one.
+  absl::StatusOr<direct::FrameResult> AddFrame(const direct::Frame& frame);
+
+  // Maps what waits, ends the thread, and ends the odometry. Only reading calls after it.
+  absl::Status Finish();
+
+  const direct::Odometry& odometry() const { return *odometry_; }
+  // What the odometry last waited for, if it did not start yet.
+  const std::string& waiting_for() const { return waiting_for_; }
+  // Time of each call of AddFrame(), waiting included, `after_mapping` not.
+  const std::vector<float>& frame_ms() const { return frame_ms_; }
+
+ private:
+  OdometryRunner(const OdometryRunnerOptions& options, std::unique_ptr<direct::Odometry> odometry,
+                 AfterMapping after_mapping);
+  void MapInBackground();
+  absl::Status StopThread(bool drain);
+
+  const OdometryRunnerOptions options_;
+  const std::unique_ptr<direct::Odometry> odometry_;
+  const AfterMapping after_mapping_;
+  std::string waiting_for_;
+  std::vector<float> frame_ms_;
+
+  std::mutex mutex_;  // guards what follows
+  std::condition_variable work_;
+  std::condition_variable room_;
+  bool ending_ = false;
+  bool drain_ = false;  // when ending: map what waits first
+  absl::Status status_;
+  std::thread thread_;
+};
+
+}  // namespace cairn::engine

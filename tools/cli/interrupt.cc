@@ -1,0 +1,92 @@
+#include "cli/interrupt.h"
+
+#include <poll.h>
+#include <pthread.h>
+#include <sys/eventfd.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdint>
+#include <iostream>
+#include <utility>
+
+namespace cairn::cli {
+namespace {
+
+sigset_t WatchedSignals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  return signals;
+}
+
+}  // namespace
+
+InterruptWatch::InterruptWatch() {
+  const sigset_t signals = WatchedSignals();
+  wake_fd_ = eventfd(0, EFD_CLOEXEC);
+  signal_fd_ = signalfd(-1, &signals, SFD_CLOEXEC);
+  if (wake_fd_ < 0 || signal_fd_ < 0) return;  // signals then end the process, as they do without a watch
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  thread_ = std::thread([this] { Wait(); });
+}
+
+InterruptWatch::~InterruptWatch() {
+  if (thread_.joinable()) {
+    const std::uint64_t one = 1;
+    if (write(wake_fd_, &one, sizeof(one)) == sizeof(one)) {
+      thread_.join();
+    } else {
+      thread_.detach();
+    }
+    const sigset_t signals = WatchedSignals();
+    pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  }
+  if (wake_fd_ >= 0) close(wake_fd_);
+  if (signal_fd_ >= 0) close(signal_fd_);
+}
+
+void InterruptWatch::Wait() {
+  pollfd watched[2] = {{signal_fd_, POLLIN, 0}, {wake_fd_, POLLIN, 0}};
+  while (poll(watched, 2, -1) < 0) {
+  }
+  signalfd_siginfo info = {};
+  if ((watched[0].revents & POLLIN) == 0 || read(signal_fd_, &info, sizeof(info)) != sizeof(info)) return;
+  std::cerr << "\ncairn: interrupted, finishing; a second signal ends it at once\n";
+  {
+    std::lock_guard lock(mutex_);
+    signal_ = static_cast<int>(info.ssi_signo);
+    if (stop_) {
+      stopped_by_ = signal_;
+      stop_();
+    }
+  }
+  // The next one takes its usual course, in this thread.
+  const sigset_t signals = WatchedSignals();
+  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  while (poll(&watched[1], 1, -1) < 0) {
+  }
+}
+
+InterruptWatch::Guard::Guard(InterruptWatch* watch, std::function<void()> stop) : watch_(watch) {
+  std::lock_guard lock(watch_->mutex_);
+  watch_->stop_ = std::move(stop);
+  if (watch_->signal_ != 0) {
+    watch_->stopped_by_ = watch_->signal_;
+    watch_->stop_();
+  }
+}
+
+InterruptWatch::Guard::~Guard() {
+  std::lock_guard lock(watch_->mutex_);
+  watch_->stop_ = nullptr;
+}
+
+int InterruptWatch::exit_code() const {
+  std::lock_guard lock(mutex_);
+  return stopped_by_ == 0 ? 0 : 128 + stopped_by_;
+}
+
+}  // namespace cairn::cli

@@ -1,0 +1,106 @@
+#include "cli/run_feed.h"
+
+#include <cstdio>
+#include <optional>
+
+#include "cli/process_memory.h"
+#include "cli/sample_statistics.h"
+
+namespace cairn::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double Share(std::int64_t part, std::int64_t of) {
+  return of > 0 ? static_cast<double>(part) / static_cast<double>(of) : 0.0;
+}
+
+double RealtimeFactor(const FeedReport& report) {
+  return report.elapsed_s > 0.0 ? report.covered_s / report.elapsed_s : 0.0;
+}
+
+}  // namespace
+
+engine::SessionSource ToSessionSource(const io::SourceInfo& info) {
+  engine::SessionSource source;
+  source.name = info.name;
+  source.camera = info.camera;
+  source.photometric = info.photometric;
+  source.first_ns = info.first_time_ns;
+  return source;
+}
+
+engine::RawFrame ToRaw(const io::SourceFrame& frame) {
+  return {frame.sequence_index, frame.time_ns, frame.gray, frame.exposure_s};
+}
+
+absl::StatusOr<FeedReport> FeedSequence(const FeedSettings& settings, io::FrameSource* source,
+                                        const engine::FramePreparation& preparation, InterruptWatch* interrupt,
+                                        const std::function<absl::StatusOr<std::string>(const direct::Frame&)>& handle,
+                                        const std::function<absl::Status()>& finish) {
+  FeedReport report;
+  report.realtime = settings.feed.realtime_speed > 0.0;
+  SkippedFrames skipped(settings.verb, settings.quiet);
+  Progress progress(settings.progress, source->info().num_frames, settings.quiet);
+  const Clock::time_point start = Clock::now();
+  {
+    engine::FrameFeed feed(settings.feed, preparation, [&]() -> absl::StatusOr<std::optional<engine::RawFrame>> {
+      for (;;) {
+        CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, source->Next());
+        if (!frame) return std::optional<engine::RawFrame>();
+        if (frame->status.ok()) return std::optional<engine::RawFrame>(ToRaw(*frame));
+        skipped.Add(frame->path, frame->status);
+      }
+    });
+    std::optional<InterruptWatch::Guard> guard;
+    if (interrupt != nullptr) guard.emplace(interrupt, [&] { feed.Stop(); });
+    for (std::int64_t taken = 1;; ++taken) {
+      CAIRN_ASSIGN_OR_RETURN(const std::optional<engine::FedFrame> fed, feed.Next());
+      if (!fed) break;
+      CAIRN_ASSIGN_OR_RETURN(const std::string note, handle(fed->frame));
+      report.covered_s = ToSeconds(fed->frame.time_ns - source->info().first_time_ns);
+      report.prepare_ms.push_back(fed->prepare_ms);
+      if (report.realtime) {
+        report.latency_ms.push_back(std::chrono::duration<float, std::milli>(Clock::now() - fed->arrival).count());
+      }
+      progress.Update(taken + feed.dropped(), note);
+    }
+    report.dropped = feed.dropped();
+  }
+  CAIRN_RETURN_IF_ERROR(finish());
+  progress.Finish();
+  report.skipped = skipped.count();
+  report.elapsed_s = std::chrono::duration<double>(Clock::now() - start).count();
+  return report;
+}
+
+void AddFeedJson(const FeedReport& report, const io::SourceInfo& info, std::int64_t frames_tracked,
+                 const InterruptWatch& interrupt, nlohmann::ordered_json* json) {
+  json->update({{"frames", info.num_frames},
+                {"frames_tracked", frames_tracked},
+                {"tracked_share", Share(frames_tracked, info.num_frames)},
+                {"frames_skipped", report.skipped},
+                {"frames_dropped", report.dropped},
+                {"interrupted", interrupt.exit_code() != 0},
+                {"elapsed_s", report.elapsed_s},
+                {"duration_s", info.duration_s},
+                {"realtime_factor", RealtimeFactor(report)},
+                {"peak_memory_mb", PeakMemoryMb()}});
+  if (report.realtime) (*json)["latency_ms"] = SampleStatistics(report.latency_ms);
+}
+
+void PrintFeed(const FeedReport& report, const io::SourceInfo& info, std::int64_t frames_tracked,
+               const InterruptWatch& interrupt) {
+  std::printf("  tracked %lld of %lld frames (%.1f %%) in %.1f s, %.1f x real time; at most %.0f MB of memory\n",
+              static_cast<long long>(frames_tracked), static_cast<long long>(info.num_frames),
+              100.0 * Share(frames_tracked, info.num_frames), report.elapsed_s, RealtimeFactor(report), PeakMemoryMb());
+  if (report.realtime) {
+    std::printf("  played as a live camera: %lld frames dropped; from frame to pose %.2f ms median, %.2f ms p99\n",
+                static_cast<long long>(report.dropped), Percentile(report.latency_ms, 0.5),
+                Percentile(report.latency_ms, 0.99));
+  }
+  if (report.skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(report.skipped));
+  if (interrupt.exit_code() != 0) std::printf("  interrupted: this is what was done until then\n");
+}
+
+}  // namespace cairn::cli
