@@ -19,13 +19,10 @@ constexpr float kFarOut = -1e6f;  // padding pixel, never inside an image
 // Units of the increment for the step size and for conditioning: rad and baseline, log gain, gray levels.
 constexpr double kStepScale[kTrackingUnknowns] = {0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 10.0, 1000.0};
 
-double ExposureRatio(double new_s, double reference_s) {
-  return new_s > 0.0 && reference_s > 0.0 ? new_s / reference_s : 1.0;
-}
-
 struct LevelSystem {
   TrackingKernelSums sums;
-  double rms = 0.0;  // sqrt of mean energy
+  double rms = 0.0;   // sqrt of mean energy
+  double cost = 0.0;  // the same with the prior
 };
 
 }  // namespace
@@ -111,13 +108,14 @@ void CoarseTracker::BuildReference(const ImagePyramid& image, const std::vector<
   }
 }
 
-TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const ImagePyramid& image, double exposure_s,
-                                     const SE3& guess, const AffineLight& light, const double* give_up_rms,
+TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const FrameData& data, const SE3& guess,
+                                     const AffineLight& light, const LightPrior& prior, const double* give_up_rms,
                                      double* level_rms) const {
+  const ImagePyramid& image = data.pyramid;
   TrackingOutcome outcome;
   SE3 pose = guess;
   AffineLight current = light;
-  const double exposure_ratio = ExposureRatio(exposure_s, reference.exposure_s);
+  const double exposure_ratio = ExposureRatio(data.frame.exposure_gain, reference.exposure_gain);
   for (int level = geometry_.levels - 1; level >= 0; --level) {
     const TrackingReference::Level& points = reference.level[level];
     const Pinhole& camera = geometry_.camera[level];
@@ -141,8 +139,10 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const I
       input.offset = static_cast<float>(at_light.b);
       LevelSystem system;
       kernel_(input, &system.sums);
-      system.rms =
-          system.sums.visible > 0 ? std::sqrt(system.sums.energy / static_cast<float>(system.sums.visible)) : 1e9;
+      const float visible = static_cast<float>(system.sums.visible);
+      const float with_prior = system.sums.energy + static_cast<float>(prior.Energy(at_light));
+      system.rms = visible > 0.0f ? std::sqrt(system.sums.energy / visible) : 1e9;
+      system.cost = visible > 0.0f ? std::sqrt(with_prior / visible) : 1e9;
       return system;
     };
     LevelSystem system = evaluate(pose, current);
@@ -159,6 +159,10 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const I
         b[r] = system.sums.b[r] * kStepScale[r];
         for (int c = 0; c < 8; ++c) h(r, c) = system.sums.h[8 * r + c] * kStepScale[r] * kStepScale[c];
       }
+      b[6] += prior.a * current.a * kStepScale[6];
+      b[7] += prior.b * current.b * kStepScale[7];
+      h(6, 6) += prior.a * kStepScale[6] * kStepScale[6];
+      h(7, 7) += prior.b * kStepScale[7] * kStepScale[7];
       for (int r = 0; r < 8; ++r) h(r, r) = h(r, r) * (1.0 + damping) + 1e-9;
       Eigen::Matrix<double, 8, 1> step = -h.ldlt().solve(b);
       for (int r = 0; r < 8; ++r) step[r] *= kStepScale[r];
@@ -167,7 +171,7 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const I
       const AffineLight next_light{current.a + step[6], current.b + step[7]};
       const LevelSystem next = evaluate(next_pose, next_light);
       // Fewer visible points must not look like an improvement.
-      const bool better = next.sums.visible > 0 && next.rms < system.rms;
+      const bool better = next.sums.visible > 0 && next.cost < system.cost;
       if (better) {
         pose = next_pose, current = next_light, system = next;
         damping *= 0.5;

@@ -6,16 +6,11 @@
 #include <vector>
 
 #include "direct/image_pyramid.h"
+#include "direct/light.h"
 #include "direct/tracking_kernel.h"
 #include "geometry/se3.h"
 
 namespace cairn::direct {
-
-// Brightness transfer of a frame: I = exposure * e^a * irradiance + b.
-struct AffineLight {
-  double a = 0.0;
-  double b = 0.0;
-};
 
 // A point as the reference is built from: pixel of level 0 in the reference keyframe.
 struct ReferencePoint {
@@ -29,7 +24,7 @@ struct ReferencePoint {
 struct TrackingReference {
   std::int64_t keyframe = -1;
   AffineLight light;
-  double exposure_s = 0.0;
+  double exposure_gain = 0.0;
   struct Level {
     int count = 0;                                  // without padding
     std::vector<float> x, y, inverse_depth, color;  // padded to a multiple of 8
@@ -57,9 +52,10 @@ class CoarseTracker {
                       TrackingReference* reference);
 
   // Aligns from one hypothesis. Gives up early (converged false) where a level ends above `give_up_rms[level]`, entries
-  // of 0 never give up; on return `level_rms` has what each level reached.
-  TrackingOutcome Align(const TrackingReference& reference, const ImagePyramid& image, double exposure_s,
-                        const SE3& guess, const AffineLight& light, const double* give_up_rms, double* level_rms) const;
+  // of 0 never give up; on return `level_rms` has what each level reached. `prior` is of the new frame's light.
+  TrackingOutcome Align(const TrackingReference& reference, const FrameData& data, const SE3& guess,
+                        const AffineLight& light, const LightPrior& prior, const double* give_up_rms,
+                        double* level_rms) const;
 
  private:
   void Flow(const TrackingReference& reference, TrackingOutcome* outcome) const;

@@ -51,8 +51,8 @@ void ImagePyramid::Build(const Frame& frame, const PyramidGeometry& geometry) {
     data_[level] = Allocate(static_cast<std::size_t>(width) * height * kChannels);
     gray_[level] = Allocate(static_cast<std::size_t>(stride_[level]) * kGrayRows);
   }
-  const bool corrected = !frame.irradiance.empty();
-  const cv::Mat& input = corrected ? frame.irradiance : frame.image;
+  const bool corrected = !frame.corrected.empty();
+  const cv::Mat& input = corrected ? frame.corrected : frame.image;
   for (int y = 0; y < height_[0]; ++y) {
     float* row = GrayRow(0, y);
     if (geometry.half && corrected) {

@@ -33,7 +33,7 @@ class ImagePyramid {
 
   explicit ImagePyramid(SimdLevel level = ActiveSimdLevel());
 
-  // Frame::irradiance if it is there, else Frame::image; the size must fit `geometry`. Reuses its memory.
+  // Frame::corrected if it is there, else Frame::image; the size must fit `geometry`. Reuses its memory.
   void Build(const Frame& frame, const PyramidGeometry& geometry);
 
   const float* Level(int level) const { return data_[level].get(); }
@@ -62,6 +62,12 @@ class ImagePyramid {
   int stride_[kMaxLevels] = {};
   int width_[kMaxLevels] = {};
   int height_[kMaxLevels] = {};
+};
+
+// An accepted image with its pyramid. Immutable once handed over.
+struct FrameData {
+  Frame frame;
+  ImagePyramid pyramid;
 };
 
 }  // namespace cairn::direct

@@ -49,7 +49,7 @@ void BuildPyramid(benchmark::State& state, SimdLevel level, bool floats, bool fu
           static_cast<unsigned char>(Gray(0.5f * static_cast<float>(x), 0.5f * static_cast<float>(y)));
     }
   }
-  if (floats) frame.image.convertTo(frame.irradiance, CV_32F);
+  if (floats) frame.image.convertTo(frame.corrected, CV_32F);
   Pinhole camera;
   camera.width_px = 2 * kWidth, camera.height_px = 2 * kHeight;
   camera.fx_px = camera.fy_px = 525.0, camera.cx_px = 320.0, camera.cy_px = 240.0;

@@ -180,7 +180,7 @@ TEST(ImagePyramid, HalvesAndDifferentiates) {
   EXPECT_FLOAT_EQ(p[2], 0.5f * (pyramid.At(1, 20, 31)[0] - pyramid.At(1, 20, 29)[0]));
   // A corrected image of the same values gives the same pyramid.
   ImagePyramid corrected;
-  frame.image.convertTo(frame.irradiance, CV_32F);
+  frame.image.convertTo(frame.corrected, CV_32F);
   corrected.Build(frame, geometry);
   for (int x = 0; x < 192; ++x) EXPECT_EQ(pyramid.At(0, x, 50)[0], corrected.At(0, x, 50)[0]);
 }
@@ -190,9 +190,11 @@ TEST(CoarseTracker, FindsAKnownMotionAndGain) {
   const Pinhole camera = testing::TestCamera();
   const PyramidGeometry geometry = PyramidGeometry::Make(camera, false, 6, 400);
   const SE3 world_from_a, world_from_b(ExpSO3(Vector3d(0.01, -0.02, 0.015)), Vector3d(0.06, 0.02, 0.05));
-  ImagePyramid a, b;
+  ImagePyramid a;
+  FrameData b;
   a.Build(scene.Render(camera, world_from_a, 0), geometry);
-  b.Build(scene.Render(camera, world_from_b, 1, 1.2), geometry);
+  b.frame = scene.Render(camera, world_from_b, 1, 1.2);
+  b.pyramid.Build(b.frame, geometry);
   std::vector<ReferencePoint> points;
   for (int y = 6; y < 138; y += 5) {
     for (int x = 6; x < 186; x += 5) {
@@ -205,12 +207,22 @@ TEST(CoarseTracker, FindsAKnownMotionAndGain) {
   tracker.BuildReference(a, points, &reference);
   const double never[kMaxLevels] = {};
   double rms[kMaxLevels];
-  const TrackingOutcome outcome = tracker.Align(reference, b, 0.0, SE3(), {}, never, rms);
+  const TrackingOutcome outcome = tracker.Align(reference, b, SE3(), {}, {}, never, rms);
   ASSERT_TRUE(outcome.converged);
   const SE3 error = outcome.new_from_reference * (world_from_b.Inverse() * world_from_a).Inverse();
   EXPECT_LT(error.translation().norm(), 0.003);
   EXPECT_LT(AngleRad(error.rotation()), 0.001);
   EXPECT_NEAR(std::exp(outcome.light.a), 1.2, 0.03);
+  // A strong prior holds the gain; with the exposure known there is nothing left for it.
+  const LightPrior strong{1e12, 1e12};
+  const TrackingOutcome held = tracker.Align(reference, b, SE3(), {}, strong, never, rms);
+  EXPECT_NEAR(held.light.a, 0.0, 1e-3);
+  EXPECT_GT(held.rms_gray, 1.5 * outcome.rms_gray);
+  reference.exposure_gain = 1.0;
+  b.frame.exposure_gain = 1.2;
+  const TrackingOutcome known = tracker.Align(reference, b, SE3(), {}, strong, never, rms);
+  EXPECT_LT(known.rms_gray, 1.1 * outcome.rms_gray);
+  EXPECT_NEAR(known.light.a, 0.0, 1e-3);
   EXPECT_GT(outcome.good_share, 0.8);
   EXPECT_GT(outcome.flow_px, 1.0);
 }

@@ -19,12 +19,6 @@ inline constexpr int kFrameUnknowns = 8;  // left increment of camera_from_direc
 using Vector8d = Eigen::Matrix<double, 8, 1>;
 using Matrix8d = Eigen::Matrix<double, 8, 8>;
 
-// An accepted image with its pyramid. Immutable once handed over.
-struct FrameData {
-  Frame frame;
-  ImagePyramid pyramid;
-};
-
 enum class ResidualState : std::uint8_t { kNone, kGood, kOutOfImage, kOutlier };
 
 // Of a point, per keyframe of the window.

@@ -60,10 +60,10 @@ absl::Status Odometry::Impl::CheckFrame(const Frame& frame) const {
         absl::StrFormat("the image of frame %d is %s; the camera needs 8-bit gray of %d x %d px", frame.index,
                         describe(frame.image), size.width, size.height));
   }
-  if (!frame.irradiance.empty() && (frame.irradiance.size() != size || frame.irradiance.type() != CV_32FC1)) {
+  if (!frame.corrected.empty() && (frame.corrected.size() != size || frame.corrected.type() != CV_32FC1)) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("the irradiance of frame %d is %s; the camera needs 32-bit float of %d x %d px", frame.index,
-                        describe(frame.irradiance), size.width, size.height));
+        absl::StrFormat("the corrected image of frame %d is %s; the camera needs 32-bit float of %d x %d px",
+                        frame.index, describe(frame.corrected), size.width, size.height));
   }
   std::lock_guard lock(mutex_);
   if (finished_) return absl::FailedPreconditionError("the odometry is finished; no more frames");

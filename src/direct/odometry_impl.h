@@ -102,7 +102,7 @@ class Odometry::Impl {
   // odometry_start.cc
   void AddToStart(const Job& job);
   bool BuildFirstWindow(const StartResult& start, std::size_t reference_at, std::string* message);
-  AffineLight MatchLight(const StartResult& start, const ImagePyramid& reference, const ImagePyramid& view,
+  AffineLight MatchLight(const StartResult& start, const FrameData& reference, const FrameData& view,
                          const SE3& view_from_reference) const;
   void RetrackRetained(const StartResult& start, std::size_t reference_at);
   void StoreRetracked(std::size_t position, std::int64_t keyframe, const SE3& keyframe_from_camera, double quality);

@@ -12,10 +12,6 @@ constexpr float kMaxActivationIntervalPx = 8.0f;
 constexpr double kMaxSpacingPx = 12.0;
 constexpr double kPassSpacing[3] = {1.0, 1.5, 2.0};
 
-double ExposureRatio(double target_s, double host_s) {
-  return target_s > 0.0 && host_s > 0.0 ? target_s / host_s : 1.0;
-}
-
 }  // namespace
 
 SE3 Odometry::Impl::KeyframePoseOf(std::int64_t id) const {
@@ -66,7 +62,7 @@ void Odometry::Impl::TraceFrame(const FrameData& data, const SE3& camera_from_di
   for (int k = 0; k < window_.size(); ++k) {
     Keyframe& host = window_.keyframe(k);
     const double gain =
-        ExposureRatio(data.frame.exposure_s, host.data->frame.exposure_s) * std::exp(light.a - host.light.a);
+        ExposureRatio(data.frame.exposure_gain, host.data->frame.exposure_gain) * std::exp(light.a - host.light.a);
     const PairProjection pair = MakePairProjection(
         geometry_.camera[0], camera_from_direct * host.camera_from_direct.Inverse(), gain, light.b, host.light.b);
     for (ImmaturePoint& point : host.immature) TracePoint(data.pyramid, pair, trace_options_, &point);
@@ -250,7 +246,7 @@ std::shared_ptr<const TrackingReference> Odometry::Impl::BuildReference(int inde
   auto reference = std::make_shared<TrackingReference>();
   reference->keyframe = keyframe.id;
   reference->light = keyframe.light;
-  reference->exposure_s = keyframe.data->frame.exposure_s;
+  reference->exposure_gain = keyframe.data->frame.exposure_gain;
   std::vector<ReferencePoint> points;
   points.reserve(window_.points().size());
   std::vector<PairProjection> to_index(window_.size());

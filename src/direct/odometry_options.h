@@ -24,8 +24,11 @@ struct OdometryOptions {
   double gradient_constant_gray = 50.0;  // c of the gradient weight c^2 / (c^2 + |grad|^2)
   double outlier_gray = 12.0;            // a residual is an outlier beyond this root mean square over its pattern ...
   double outlier_median_factor = 2.5;    // ... or beyond this many medians of its frame, whichever is larger
-  double affine_a_sigma = 0.0;           // prior sigma of the log gain a against 0; 0: no prior
-  double affine_b_sigma_gray = 0.0;      // prior sigma of the offset b; 0: no prior
+  // Priors of the brightness transfer against 0 where calibration and exposure are known (light.h, DSO Sec. 2.2), as
+  // standard deviations beside a single residual's one gray level, so that the calibration counts more than a window of
+  // residuals; 0: no prior. Elsewhere gain and offset are free.
+  double affine_a_sigma = 1e-4;       // of the log gain a
+  double affine_b_sigma_gray = 1e-3;  // of the offset b
 
   // Pixel selection (region-adaptive threshold: median gradient of 32 x 32 blocks plus an offset).
   double gradient_offset_gray = 7.0;

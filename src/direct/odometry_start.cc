@@ -61,9 +61,12 @@ void Odometry::Impl::AddToStart(const Job& job) {
   ++statistics_.segments;
 }
 
-// Gain and offset that take intensities at the corners from the reference to the view: matched mean and spread.
-AffineLight Odometry::Impl::MatchLight(const StartResult& start, const ImagePyramid& reference,
-                                       const ImagePyramid& view, const SE3& view_from_reference) const {
+// Gain (beyond that of the exposure times) and offset that take intensities at the corners from the reference to the
+// view: matched mean and spread. None where they are known.
+AffineLight Odometry::Impl::MatchLight(const StartResult& start, const FrameData& reference, const FrameData& view,
+                                       const SE3& view_from_reference) const {
+  const LightPrior prior = PriorOf(view.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
+  if (prior.a > 0.0 && prior.b > 0.0) return {};
   const int level = std::min(2, geometry_.levels - 1);
   const Pinhole& camera = geometry_.camera[level];
   std::vector<double> before, after;
@@ -74,8 +77,8 @@ AffineLight Odometry::Impl::MatchLight(const StartResult& start, const ImagePyra
     if (moved.z() < 1e-3) continue;
     const Vector2d a = camera.Project(ray), b = camera.Project(moved);
     if (!camera.Contains(a, 1.0) || !camera.Contains(b, 1.0)) continue;
-    before.push_back(reference.At(level, static_cast<int>(a.x() + 0.5), static_cast<int>(a.y() + 0.5))[0]);
-    after.push_back(view.At(level, static_cast<int>(b.x() + 0.5), static_cast<int>(b.y() + 0.5))[0]);
+    before.push_back(reference.pyramid.At(level, static_cast<int>(a.x() + 0.5), static_cast<int>(a.y() + 0.5))[0]);
+    after.push_back(view.pyramid.At(level, static_cast<int>(b.x() + 0.5), static_cast<int>(b.y() + 0.5))[0]);
   }
   if (before.size() < 20) return {};
   const auto moments = [](const std::vector<double>& values, double* mean, double* sigma) {
@@ -90,7 +93,8 @@ AffineLight Odometry::Impl::MatchLight(const StartResult& start, const ImagePyra
   moments(after, &mean_after, &sigma_after);
   if (sigma_before < 1.0 || sigma_after < 1.0) return {};
   const double gain = std::clamp(sigma_after / sigma_before, 0.5, 2.0);
-  return {std::log(gain), mean_after - gain * mean_before};
+  const double ratio = ExposureRatio(view.frame.exposure_gain, reference.frame.exposure_gain);
+  return {std::log(gain / ratio), mean_after - gain * mean_before};
 }
 
 bool Odometry::Impl::BuildFirstWindow(const StartResult& start, std::size_t reference_at, std::string* message) {
@@ -117,9 +121,8 @@ bool Odometry::Impl::BuildFirstWindow(const StartResult& start, std::size_t refe
   std::vector<AffineLight> light;
   for (int v : views) {
     data.push_back(NewFrameData(retained_[reference_at + static_cast<std::size_t>(v)].frame));
-    light.push_back(
-        v == 0 ? AffineLight()
-               : MatchLight(start, data.front()->pyramid, data.back()->pyramid, start.camera_from_reference[v]));
+    light.push_back(v == 0 ? AffineLight()
+                           : MatchLight(start, *data.front(), *data.back(), start.camera_from_reference[v]));
   }
   std::int64_t next_id;
   {
@@ -146,7 +149,9 @@ bool Odometry::Impl::BuildFirstWindow(const StartResult& start, std::size_t refe
     for (std::size_t v : order) {
       const PairProjection pair = MakePairProjection(
           geometry_.camera[0], start.camera_from_reference[views[v]] * keyframe->camera_from_direct.Inverse(),
-          std::exp(light[v].a - keyframe->light.a), light[v].b, keyframe->light.b);
+          ExposureRatio(data[v]->frame.exposure_gain, keyframe->data->frame.exposure_gain) *
+              std::exp(light[v].a - keyframe->light.a),
+          light[v].b, keyframe->light.b);
       for (ImmaturePoint& point : keyframe->immature) TracePoint(data[v]->pyramid, pair, trace_options_, &point);
     }
     window_.AddKeyframe(std::move(keyframe));
@@ -221,7 +226,8 @@ void Odometry::Impl::RetrackRetained(const StartResult& start, std::size_t refer
     const std::shared_ptr<FrameData> data = NewFrameData(retained_[i].frame);
     const TrackingReference& reference = *references[nearest];
     const TrackingOutcome outcome =
-        tracker_.Align(reference, data->pyramid, data->frame.exposure_s, guess, reference.light, never, rms);
+        tracker_.Align(reference, *data, guess, reference.light,
+                       PriorOf(data->frame, options_.affine_a_sigma, options_.affine_b_sigma_gray), never, rms);
     const bool good = Plausible(reference, outcome);
     StoreRetracked(retained_[i].position, reference.keyframe, (good ? outcome.new_from_reference : guess).Inverse(),
                    good ? Quality(outcome) : 0.3);

@@ -211,7 +211,7 @@ TEST(Odometry, BadInputIsAnErrorAndChangesNothing) {
   colour.image = cv::Mat::zeros(288, 384, CV_8UC3);
   EXPECT_FALSE(odometry->Process(colour).ok());
   Frame irradiance = frame;
-  irradiance.irradiance = cv::Mat(288, 384, CV_8UC1, cv::Scalar(0));
+  irradiance.corrected = cv::Mat(288, 384, CV_8UC1, cv::Scalar(0));
   EXPECT_FALSE(odometry->Process(irradiance).ok());
   EXPECT_TRUE(odometry->Process(frame).ok());
   EXPECT_EQ(odometry->FrameResults().size(), 2u);

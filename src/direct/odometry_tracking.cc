@@ -118,13 +118,13 @@ double Odometry::Impl::Quality(const TrackingOutcome& outcome) const {
 
 bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameData& data,
                                const std::vector<SE3>& guesses, double expected_rms, TrackingOutcome* best) const {
+  const LightPrior prior = PriorOf(data.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
   double best_rms[kMaxLevels] = {};  // 0: not reached yet
   double give_up[kMaxLevels] = {};
   bool any = false;
   for (const SE3& guess : guesses) {
     double rms[kMaxLevels] = {};
-    const TrackingOutcome outcome =
-        tracker_.Align(reference, data.pyramid, data.frame.exposure_s, guess, last_light_, give_up, rms);
+    const TrackingOutcome outcome = tracker_.Align(reference, data, guess, last_light_, prior, give_up, rms);
     if (Plausible(reference, outcome) && (!any || outcome.rms_gray < best->rms_gray)) {
       *best = outcome;
       any = true;

@@ -18,9 +18,12 @@ namespace cairn::direct {
 struct Frame {
   std::int64_t index = 0;  // position in the sequence
   TimeNs time_ns = 0;
-  cv::Mat image;            // CV_8UC1, undistorted, photometrically uncorrected, full resolution
-  cv::Mat irradiance;       // CV_32FC1, same size, photometrically corrected to the range [0, 255]; empty: use `image`
-  double exposure_s = 0.0;  // 0: unknown
+  cv::Mat image;  // CV_8UC1, undistorted, photometrically uncorrected, full resolution
+  // CV_32FC1, same size, free of response and vignette (image/photometric.h), in gray levels; empty: no calibration,
+  // `image` is used.
+  cv::Mat corrected;
+  // Of `corrected`: the factor that this frame's exposure time put on it, up to one common to all frames. 0: unknown.
+  double exposure_gain = 0.0;
 };
 
 // A point of the direct map as seen in the packet's keyframe.

@@ -12,10 +12,6 @@ namespace {
 
 constexpr double kMinDepthHessian = 1e-3;
 
-double ExposureRatio(double target_s, double host_s) {
-  return target_s > 0.0 && host_s > 0.0 ? target_s / host_s : 1.0;
-}
-
 }  // namespace
 
 Window::Window(const PyramidGeometry& geometry, const WindowOptions& options)
@@ -38,9 +34,9 @@ Keyframe& Window::AddKeyframe(std::unique_ptr<Keyframe> keyframe) {
   keyframe->linear_camera_from_direct = keyframe->camera_from_direct;
   keyframe->linear_light = keyframe->light;
   keyframe->delta.setZero();
-  const auto prior = [](double sigma) { return sigma > 0.0 ? 1.0 / (sigma * sigma) : 0.0; };
-  keyframe->own_prior[6] = std::max(keyframe->own_prior[6], prior(options_.affine_a_sigma));
-  keyframe->own_prior[7] = std::max(keyframe->own_prior[7], prior(options_.affine_b_sigma_gray));
+  const LightPrior prior = PriorOf(keyframe->data->frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
+  keyframe->own_prior[6] = std::max(keyframe->own_prior[6], prior.a);
+  keyframe->own_prior[7] = std::max(keyframe->own_prior[7], prior.b);
   keyframe->energy_limit = static_cast<float>(kPatternSize * options_.outlier_gray * options_.outlier_gray);
   keyframes_.push_back(std::move(keyframe));
   const int n = kFrameUnknowns * size();
@@ -65,7 +61,7 @@ void Window::AddPoint(const ActivePoint& point) { points_.push_back(point); }
 PairProjection Window::Projection(int host, int target) const {
   const Keyframe &h = *keyframes_[host], &t = *keyframes_[target];
   const double gain =
-      ExposureRatio(t.data->frame.exposure_s, h.data->frame.exposure_s) * std::exp(t.light.a - h.light.a);
+      ExposureRatio(t.data->frame.exposure_gain, h.data->frame.exposure_gain) * std::exp(t.light.a - h.light.a);
   return MakePairProjection(geometry_.camera[0], t.camera_from_direct * h.camera_from_direct.Inverse(), gain, t.light.b,
                             h.light.b);
 }
@@ -80,7 +76,7 @@ void Window::PreparePairs() {
       const SE3 linear = target.linear_camera_from_direct * host.linear_camera_from_direct.Inverse();
       p.linear_rotation = linear.RotationMatrix();
       p.linear_translation = linear.translation();
-      const double linear_gain = ExposureRatio(target.data->frame.exposure_s, host.data->frame.exposure_s) *
+      const double linear_gain = ExposureRatio(target.data->frame.exposure_gain, host.data->frame.exposure_gain) *
                                  std::exp(target.linear_light.a - host.linear_light.a);
       p.projection.linear_gain = static_cast<float>(linear_gain);
       p.projection.linear_host_offset = static_cast<float>(host.linear_light.b);

@@ -31,11 +31,10 @@ void FillWindow(int keyframes, int points_per_keyframe, Window* window) {
   Random random(11);
   for (int k = 0; k < keyframes; ++k) {
     auto data = std::make_shared<FrameData>();
-    data->frame.irradiance.create(288, 384, CV_32FC1);
+    data->frame.corrected.create(288, 384, CV_32FC1);
     const double dx = random.Uniform(-0.3, 0.3), dy = random.Uniform(-0.3, 0.3);
     for (int y = 0; y < 288; ++y) {
-      for (int x = 0; x < 384; ++x)
-        data->frame.irradiance.at<float>(y, x) = static_cast<float>(100.0 + dx * x + dy * y);
+      for (int x = 0; x < 384; ++x) data->frame.corrected.at<float>(y, x) = static_cast<float>(100.0 + dx * x + dy * y);
     }
     data->pyramid.Build(data->frame, Geometry());
     auto keyframe = std::make_unique<Keyframe>();

@@ -18,8 +18,8 @@ absl::StatusOr<direct::Frame> FramePreparation::Prepare(const RawFrame& raw) con
   frame.index = raw.index;
   frame.time_ns = raw.time_ns;
   frame.image = std::move(prepared.gray);
-  frame.irradiance = std::move(prepared.irradiance);
-  frame.exposure_s = raw.exposure_s;
+  frame.corrected = std::move(prepared.corrected);
+  if (photometric_) frame.exposure_gain = photometric_->ExposureGain(raw.exposure_s);
   return frame;
 }
 

@@ -5,8 +5,42 @@
 
 namespace cairn::image {
 
+namespace {
+
+float UnderPowerLaw(float light, double gamma) {
+  return static_cast<float>(255.0 * std::pow(light / 255.0, 1.0 / gamma));
+}
+
+// By golden section: the squared distance between the encoded and the raw intensities has one minimum over gamma.
+double NearestGamma(const std::array<float, 256>& inverse_response) {
+  const auto distance = [&](double gamma) {
+    double sum = 0.0;
+    for (int i = 0; i < 256; ++i) {
+      const double off = UnderPowerLaw(inverse_response[i], gamma) - i;
+      sum += off * off;
+    }
+    return sum;
+  };
+  constexpr double kGolden = 0.6180339887498949;
+  double low = PhotometricCalibration::kMinGamma, high = PhotometricCalibration::kMaxGamma;
+  double a = high - kGolden * (high - low), b = low + kGolden * (high - low);
+  double at_a = distance(a), at_b = distance(b);
+  while (high - low > 1e-6) {
+    if (at_a < at_b) {
+      high = b, b = a, at_b = at_a;
+      a = high - kGolden * (high - low), at_a = distance(a);
+    } else {
+      low = a, a = b, at_a = at_b;
+      b = low + kGolden * (high - low), at_b = distance(b);
+    }
+  }
+  return 0.5 * (low + high);
+}
+
+}  // namespace
+
 PhotometricCalibration::PhotometricCalibration() {
-  for (int i = 0; i < 256; ++i) inverse_response_[i] = static_cast<float>(i);
+  for (int i = 0; i < 256; ++i) inverse_response_[i] = corrected_[i] = static_cast<float>(i);
 }
 
 absl::StatusOr<PhotometricCalibration> PhotometricCalibration::Create(const std::vector<double>& inverse_response,
@@ -28,6 +62,8 @@ absl::StatusOr<PhotometricCalibration> PhotometricCalibration::Create(const std:
     for (int i = 0; i < 256; ++i) {
       out.inverse_response_[i] = static_cast<float>(255.0 * (inverse_response[i] - low) / range);
     }
+    out.gamma_ = NearestGamma(out.inverse_response_);
+    for (int i = 0; i < 256; ++i) out.corrected_[i] = UnderPowerLaw(out.inverse_response_[i], out.gamma_);
     out.has_response_ = true;
   }
   if (!vignette.empty()) {
@@ -51,6 +87,7 @@ absl::StatusOr<PhotometricCalibration> PhotometricCalibration::Create(const std:
     values.forEach<float>(
         [brightest](float& v, const int*) { v = v * kMaxGain > brightest ? brightest / v : kMaxGain; });
     out.gain_ = values;
+    cv::pow(values, 1.0 / out.gamma_, out.corrected_gain_);
   }
   return out;
 }
@@ -62,7 +99,20 @@ absl::Status PhotometricCalibration::ValidateFor(const Camera& camera) const {
 }
 
 absl::StatusOr<cv::Mat> PhotometricCalibration::Irradiance(const cv::Mat& raw) const {
-  if (raw.type() != CV_8UC1) return absl::InvalidArgumentError("irradiance needs a gray image of 8 bits");
+  return Apply(raw, inverse_response_, gain_);
+}
+
+absl::StatusOr<cv::Mat> PhotometricCalibration::Corrected(const cv::Mat& raw) const {
+  return Apply(raw, corrected_, corrected_gain_);
+}
+
+double PhotometricCalibration::ExposureGain(double exposure_s) const {
+  return has_response_ && exposure_s > 0.0 ? std::pow(exposure_s, 1.0 / gamma_) : 0.0;
+}
+
+absl::StatusOr<cv::Mat> PhotometricCalibration::Apply(const cv::Mat& raw, const std::array<float, 256>& table,
+                                                      const cv::Mat& gain_image) const {
+  if (raw.type() != CV_8UC1) return absl::InvalidArgumentError("photometric correction needs a gray image of 8 bits");
   if (!gain_.empty() && gain_.size() != raw.size()) {
     return absl::InvalidArgumentError(absl::StrCat("the image has ", raw.cols, "x", raw.rows, " px but the vignette ",
                                                    gain_.cols, "x", gain_.rows, " px"));
@@ -70,12 +120,12 @@ absl::StatusOr<cv::Mat> PhotometricCalibration::Irradiance(const cv::Mat& raw) c
   cv::Mat out(raw.size(), CV_32FC1);
   for (int y = 0; y < raw.rows; ++y) {
     const std::uint8_t* in = raw.ptr<std::uint8_t>(y);
-    float* irradiance = out.ptr<float>(y);
-    if (gain_.empty()) {
-      for (int x = 0; x < raw.cols; ++x) irradiance[x] = inverse_response_[in[x]];
+    float* light = out.ptr<float>(y);
+    if (gain_image.empty()) {
+      for (int x = 0; x < raw.cols; ++x) light[x] = table[in[x]];
     } else {
-      const float* gain = gain_.ptr<float>(y);
-      for (int x = 0; x < raw.cols; ++x) irradiance[x] = inverse_response_[in[x]] * gain[x];
+      const float* gain = gain_image.ptr<float>(y);
+      for (int x = 0; x < raw.cols; ++x) light[x] = table[in[x]] * gain[x];
     }
   }
   return out;
@@ -87,8 +137,8 @@ absl::StatusOr<PreparedImage> PrepareImage(const cv::Mat& raw, const Undistorter
   PreparedImage out;
   CAIRN_ASSIGN_OR_RETURN(out.gray, undistorter.Undistort(raw));
   if (calibration != nullptr && !calibration->IsIdentity()) {
-    CAIRN_ASSIGN_OR_RETURN(const cv::Mat irradiance, calibration->Irradiance(raw));
-    CAIRN_ASSIGN_OR_RETURN(out.irradiance, undistorter.Undistort(irradiance));
+    CAIRN_ASSIGN_OR_RETURN(const cv::Mat corrected, calibration->Corrected(raw));
+    CAIRN_ASSIGN_OR_RETURN(out.corrected, undistorter.Undistort(corrected));
   }
   return out;
 }

@@ -41,6 +41,29 @@ TEST(Photometric, InvertsTheResponseAndTheVignette) {
   EXPECT_EQ(calibration->inverse_response()[255], 255.0f);
 }
 
+TEST(Photometric, CorrectedIsTheIrradianceUnderTheNearestPowerLaw) {
+  cv::Mat vignette(1, 2, CV_16UC1, cv::Scalar(60000));
+  vignette.at<std::uint16_t>(1) = 30000;
+  const auto calibration = PhotometricCalibration::Create(Gamma(2.2), vignette);
+  ASSERT_TRUE(calibration.ok()) << calibration.status();
+  EXPECT_NEAR(calibration->gamma(), 2.2, 1e-3);
+  for (const int level : {3, 40, 200}) {
+    const cv::Mat raw(1, 2, CV_8UC1, cv::Scalar(level));
+    const auto out = calibration->Corrected(raw);
+    ASSERT_TRUE(out.ok());
+    // A camera that is a power law itself keeps its gray values, but for the vignette.
+    EXPECT_NEAR(out->at<float>(0), level, 0.02);
+    EXPECT_NEAR(out->at<float>(1), level * std::pow(2.0, 1.0 / 2.2), 0.05);
+    const cv::Mat irradiance = *calibration->Irradiance(raw);
+    EXPECT_NEAR(out->at<float>(1), 255.0 * std::pow(irradiance.at<float>(1) / 255.0, 1.0 / 2.2), 0.05);
+  }
+  // Twice the exposure is a factor of the corrected image.
+  EXPECT_NEAR(calibration->ExposureGain(0.02) / calibration->ExposureGain(0.01), std::pow(2.0, 1.0 / 2.2), 1e-3);
+  EXPECT_EQ(calibration->ExposureGain(0.0), 0.0);
+  EXPECT_EQ(PhotometricCalibration::Create({}, vignette)->ExposureGain(0.01), 0.0);  // the response is unknown
+  EXPECT_NEAR(PhotometricCalibration::Create(Gamma(1.0), {})->gamma(), 1.0, 1e-3);
+}
+
 TEST(Photometric, EightBitVignette) {
   cv::Mat vignette(1, 2, CV_8UC1, cv::Scalar(200));
   vignette.at<std::uint8_t>(1) = 50;
@@ -91,12 +114,12 @@ TEST(PrepareImage, CorrectsBeforeUndistorting) {
   const auto prepared = PrepareImage(raw, *undistorter, &*calibration);
   ASSERT_TRUE(prepared.ok()) << prepared.status();
   EXPECT_EQ(prepared->gray.type(), CV_8UC1);
-  EXPECT_EQ(prepared->irradiance.type(), CV_32FC1);
+  EXPECT_EQ(prepared->corrected.type(), CV_32FC1);
   double low, high;
-  cv::minMaxLoc(prepared->irradiance, &low, &high);
+  cv::minMaxLoc(prepared->corrected, &low, &high);
   EXPECT_NEAR(low, 200, 2.0);
   EXPECT_NEAR(high, 200, 2.0);
-  EXPECT_TRUE(PrepareImage(raw, *undistorter, nullptr)->irradiance.empty());
+  EXPECT_TRUE(PrepareImage(raw, *undistorter, nullptr)->corrected.empty());
   EXPECT_FALSE(PrepareImage(cv::Mat(48, 64, CV_8UC3), *undistorter, nullptr).ok());
   EXPECT_FALSE(PrepareImage(cv::Mat(10, 10, CV_8UC1), *undistorter, nullptr).ok());
 }

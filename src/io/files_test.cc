@@ -118,6 +118,33 @@ TEST(PhotometricFiles, ReadsAndRefuses) {
   EXPECT_EQ(LoadPhotometricCalibration(folder / "none.txt", "").status().code(), absl::StatusCode::kNotFound);
 }
 
+TEST(PhotometricFiles, AFolderIsWrittenAndReadBack) {
+  const TestingFolder folder;
+  std::array<double, 256> response;
+  for (std::size_t i = 0; i < 256; ++i) response[i] = 255.0 * std::pow(static_cast<double>(i) / 255.0, 1.7);
+  cv::Mat vignette(24, 32, CV_32FC1, cv::Scalar(1.0));
+  vignette.at<float>(3, 4) = 0.5f;
+  const std::string path = folder / ".";
+  EXPECT_EQ(LoadPhotometricFolder(path).status().code(), absl::StatusCode::kNotFound);
+  const Exposures exposures = {{1000000001, 0.002}, {1050000000, 0.0031}};
+  ASSERT_TRUE(SavePhotometricFolder(path, response, vignette, exposures, false).ok());
+  const auto read = LoadPhotometricFolder(path);
+  ASSERT_TRUE(read.ok()) << read.status();
+  EXPECT_NEAR(read->calibration.gamma(), 1.7, 1e-3);
+  EXPECT_NEAR(read->calibration.inverse_response()[100], response[100], 1e-3);
+  EXPECT_NEAR(read->calibration.Irradiance(cv::Mat(24, 32, CV_8UC1, cv::Scalar(255)))->at<float>(3, 4), 510.0, 0.1);
+  ASSERT_TRUE(read->exposures.has_value());
+  ASSERT_EQ(read->exposures->size(), 2u);
+  EXPECT_EQ((*read->exposures)[0].first, 1000000001);
+  EXPECT_NEAR((*read->exposures)[1].second, 0.0031, 1e-9);
+  EXPECT_EQ(SavePhotometricFolder(path, response, vignette, {}, false).code(), absl::StatusCode::kAlreadyExists);
+  // Known exposures: none are written, and those of an earlier calibration go.
+  ASSERT_TRUE(SavePhotometricFolder(path, response, vignette, {}, true).ok());
+  EXPECT_FALSE(LoadPhotometricFolder(path)->exposures.has_value());
+  folder.Write("times.txt", "0 1.5 -3\n");
+  EXPECT_THAT(std::string(LoadPhotometricFolder(path).status().message()), HasSubstr("times.txt:1"));
+}
+
 TEST(Ply, WritesBinaryPoints) {
   const TestingFolder folder;
   const std::vector<ColoredPoint> points = {{{1.5, -2.0, 3.25}, 10, 20, 30}, {{0, 0, 7}, 255, 0, 128}};

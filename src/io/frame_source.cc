@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/bounded_queue.h"
+#include "io/photometric_files.h"
 #include "io/sequence_readers.h"
 
 namespace cairn::io {
@@ -74,6 +75,20 @@ absl::StatusOr<std::vector<SelectedImage>> Select(const std::vector<ListedImage>
                                               ToSeconds(images.back().time_ns - first_ns), " s"));
   }
   return selected;
+}
+
+// The calibration of another folder, with its exposures if it has any: those of images of the same time.
+absl::Status GivePhotometric(const std::string& folder, SequenceFiles* files) {
+  CAIRN_ASSIGN_OR_RETURN(PhotometricFolder given, LoadPhotometricFolder(folder));
+  CAIRN_RETURN_IF_ERROR(Annotate(given.calibration.ValidateFor(files->camera), folder));
+  files->photometric = std::move(given.calibration);
+  if (!given.exposures) return absl::OkStatus();
+  auto at = given.exposures->begin();
+  for (ListedImage& image : files->images) {
+    while (at != given.exposures->end() && at->first < image.time_ns) ++at;
+    image.exposure_s = at != given.exposures->end() && at->first == image.time_ns ? at->second : 0.0;
+  }
+  return absl::OkStatus();
 }
 
 // An image that is there and readable must have the calibration's size; a folder without any of its images is no
@@ -201,7 +216,11 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string
   }
   CAIRN_ASSIGN_OR_RETURN(SequenceFiles files, format->read(path, options));
   CAIRN_RETURN_IF_ERROR(Annotate(files.camera.Validate(), path));
-  if (files.photometric) CAIRN_RETURN_IF_ERROR(Annotate(files.photometric->ValidateFor(files.camera), path));
+  if (!options.photometric_path.empty()) {
+    CAIRN_RETURN_IF_ERROR(GivePhotometric(options.photometric_path, &files));
+  } else if (files.photometric) {
+    CAIRN_RETURN_IF_ERROR(Annotate(files.photometric->ValidateFor(files.camera), path));
+  }
   absl::StatusOr<std::vector<SelectedImage>> selected = Select(files.images, options);
   if (!selected.ok()) return Annotate(selected.status(), path);
   CAIRN_RETURN_IF_ERROR(CheckFirstImages(*selected, files.camera));

@@ -25,7 +25,8 @@ absl::string_view SequenceFormatName(SequenceFormat format);
 absl::StatusOr<SequenceFormat> SequenceFormatFromName(absl::string_view name);
 
 struct OpenOptions {
-  std::string camera_path;  // a camera.yaml to use instead of the sequence's own calibration
+  std::string camera_path;       // a camera.yaml to use instead of the sequence's own calibration
+  std::string photometric_path;  // a folder with pcalib.txt, vignette.png, times.txt to use instead of the sequence's
   SequenceFormat format = SequenceFormat::kAuto;
   int camera_index = 0;  // which of several cameras: EuRoC cam0, cam1; KITTI image_0..3
   double from_s = 0.0;   // seconds from the first image, inclusive

@@ -91,6 +91,14 @@ class Office(unittest.TestCase):
         self.assertEqual(ate['associated'], report['trajectory_frames'])
         self.assertLess(ate['ate_m'], 0.03)
 
+    def test_a_photometric_calibration_needs_motion(self):
+        out = self.folder / 'calibration'
+        answer = cairn('camera', 'calibrate-photometric', self.first, '--until', 0.15, '--out', out)
+        self.assertEqual(answer.code, 1)
+        self.assertRegex(answer.json['error'], 'does not determine|surface points')
+        self.assertFalse(out.exists())
+        self.assertEqual(cairn('run', self.first, '--photometric', out, '--odometry-only').code, 1)
+
     def test_a_map_of_stills_with_known_poses_locates_the_second_visit(self):
         stills, poses = self.folder / 'stills.cairn', self.folder / 'stills_poses.txt'
         must('run', self.first, '--stride', 8, '--poses', self.first / 'groundtruth_cam0.txt', '--map', stills)

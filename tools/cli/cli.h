@@ -25,6 +25,7 @@ void AddAlignCommand(CLI::App& app, Action* action);
 void AddEvalCommand(CLI::App& app, Action* action);
 void AddVocabCommand(CLI::App& app, Action* action);
 void AddSynthCommand(CLI::App& app, Action* action);
+void AddCameraCommand(CLI::App& app, Action* action);
 
 // Prints "cairn VERB: message" to standard error, or {"error": ...} to standard output when the verb answers in JSON.
 // Gives the exit code that fits the status.

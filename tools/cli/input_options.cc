@@ -10,6 +10,9 @@ void AddInputOptions(CLI::App* verb, InputOptions* options) {
       ->required();
   verb->add_option("--camera", options->open.camera_path,
                    "Calibration (camera.yaml) to use instead of the sequence's own");
+  verb->add_option(
+      "--photometric", options->open.photometric_path,
+      "Folder with pcalib.txt, vignette.png and times.txt (exposures) to use instead of the sequence's own");
   verb->add_option("--camera-index", options->open.camera_index,
                    "Which of several cameras (EuRoC cam0, cam1; KITTI image_0, ...)")
       ->capture_default_str();

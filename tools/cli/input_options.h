@@ -15,7 +15,7 @@ struct InputOptions {
   io::OpenOptions open;
 };
 
-// DATASET, --camera, --camera-index, --format, --from, --until, --stride.
+// DATASET, --camera, --photometric, --camera-index, --format, --from, --until, --stride.
 void AddInputOptions(CLI::App* verb, InputOptions* options);
 
 absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options);

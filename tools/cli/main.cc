@@ -52,6 +52,7 @@ int main(int argc, char** argv) {
   AddEvalCommand(app, &action);
   AddVocabCommand(app, &action);
   AddSynthCommand(app, &action);
+  AddCameraCommand(app, &action);
 
   try {
     std::vector<std::string> arguments = Arguments(argc, argv);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <optional>
 #include <span>
 #include <string>
@@ -64,6 +65,17 @@ struct ErrorFigure {
 };
 
 absl::Status WriteErrorFigure(const ErrorFigure& figure, const std::string& path, const FigureOptions& options = {});
+
+struct PhotometricFigure {
+  std::string title = {};
+  std::array<double, 256> inverse_response = {};  // in [0, 255]
+  std::vector<double> vignette = {};              // at radii from 0 to 1, evenly spaced
+  std::vector<int> intensity_seen = {};           // how often each gray value was; empty: not drawn
+};
+
+// Beside each other: light over gray value with the histogram of what was seen, and the vignette over the radius.
+absl::Status WritePhotometricFigure(const PhotometricFigure& figure, const std::string& path,
+                                    const FigureOptions& options = {});
 
 struct PlottedKeyframe {
   SE3 world_from_camera;

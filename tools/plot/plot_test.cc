@@ -132,6 +132,29 @@ TEST_F(Figures, ErrorsOverTime) {
   EXPECT_FALSE(WriteErrorFigure({}, Path("f.png")).ok());
 }
 
+TEST_F(Figures, Photometric) {
+  PhotometricFigure figure{.title = "gamma"};
+  for (std::size_t i = 0; i < 256; ++i) {
+    figure.inverse_response[i] = 255.0 * std::pow(static_cast<double>(i) / 255.0, 2.2);
+  }
+  for (int i = 0; i <= 20; ++i) figure.vignette.push_back(1.0 - 0.001 * i * i);
+  EXPECT_TRUE(WritePhotometricFigure(figure, Path("c.svg")).ok());
+  figure.intensity_seen.assign(256, 3);
+  EXPECT_TRUE(WritePhotometricFigure(figure, Path("c.png")).ok());
+  const cv::Mat picture = cv::imread(Path("c.png"), cv::IMREAD_COLOR);
+  EXPECT_EQ(picture.cols, 1520);
+  int blue = 0;  // the response
+  for (int y = 0; y < picture.rows; ++y) {
+    for (int x = 0; x < picture.cols / 2; ++x) {
+      const cv::Vec3b pixel = picture.at<cv::Vec3b>(y, x);
+      blue += pixel[0] > 150 && pixel[2] < 40 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(blue, 500);
+  figure.vignette.clear();
+  EXPECT_EQ(WritePhotometricFigure(figure, Path("d.png")).code(), absl::StatusCode::kInvalidArgument);
+}
+
 TEST_F(Figures, Map) {
   MapFigure figure{.title = "room"};
   Random random(2);
