@@ -31,7 +31,7 @@ absl::Status PosedSession::AddFrame(const RawFrame& frame, const SE3& world_from
 
 absl::StatusOr<mapping::PosedMapperReport> PosedSession::Finish() {
   CAIRN_ASSIGN_OR_RETURN(mapping::PosedMapperReport report, mapper_->Finish());
-  CAIRN_RETURN_IF_ERROR(EndSession(session_, last_time_ns_, !deterministic_, writer_));
+  CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !deterministic_, std::nullopt, writer_));
   return report;
 }
 

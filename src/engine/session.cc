@@ -7,6 +7,7 @@
 #include "base/bounded_queue.h"
 #include "engine/loop_runner.h"
 #include "engine/odometry_runner.h"
+#include "mapping/direct_trajectory.h"
 #include "mapping/packet_queue.h"
 
 namespace cairn::engine {
@@ -15,6 +16,7 @@ absl::Status SessionOptions::Validate() const {
   CAIRN_RETURN_IF_ERROR(odometry.Validate());
   CAIRN_RETURN_IF_ERROR(mapping.Validate());
   CAIRN_RETURN_IF_ERROR(loops.Validate());
+  CAIRN_RETURN_IF_ERROR(collinearity.Validate());
   if (threads < 1) return absl::InvalidArgumentError("threads must be at least 1");
   if (packet_queue_limit < 1) return absl::InvalidArgumentError("packet_queue_limit must be at least 1");
   if (mapping_backlog < 1) return absl::InvalidArgumentError("mapping_backlog must be at least 1");
@@ -28,6 +30,7 @@ class Session::Impl {
         preparation_(std::move(preparation)),
         writer_(writer),
         packets_(options.packet_queue_limit),
+        collinearity_(options.collinearity),
         backlog_(static_cast<std::size_t>(options.mapping_backlog)) {}
 
   ~Impl() {
@@ -78,7 +81,9 @@ class Session::Impl {
     }
     if (loops_) CAIRN_RETURN_IF_ERROR(loops_->Finish(mapper_.get()));
     CAIRN_RETURN_IF_ERROR(mapper_->Finish());
-    CAIRN_RETURN_IF_ERROR(EndSession(session_, last_time_ns_, !options_.deterministic, writer_));
+    const mapping::TrajectoryChoice choice = collinearity_.Choose(loops_ && !loops_->loops().empty());
+    trajectory_ = {choice.refined, choice.keyframes, choice.collinear, choice.reason};
+    CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, trajectory_, writer_));
     return Report();
   }
 
@@ -119,6 +124,7 @@ class Session::Impl {
     const bool lost = report.state == mapping::FeatureState::kLost;
     if (lost && !feature_lost_) ++feature_losses_;
     feature_lost_ = lost;
+    if (report.inserted) collinearity_.Update(*mapper_->map(), report.keyframe);
     return loops_ ? loops_->AfterPacket(report, mapper_.get()) : absl::OkStatus();
   }
 
@@ -149,7 +155,9 @@ class Session::Impl {
     const std::shared_ptr<const map::Snapshot> map = writer_->Current();
     SessionReport report;
     report.odometry = runner_->odometry().Statistics();
+    report.trajectory = trajectory_;
     report.keyframe_poses = mapper_->Trajectory(*map);
+    if (!trajectory_.refined) report.keyframe_poses = mapping::DirectTrajectory(report.keyframe_poses);
     for (const direct::FrameResult& frame : runner_->odometry().FrameResults()) {
       const std::optional<SE3> pose = mapping::FramePose(report.keyframe_poses, frame);
       report.frame_poses.push_back({frame.index, frame.time_ns, frame.state, pose});
@@ -180,6 +188,8 @@ class Session::Impl {
   // Used by the feature module's thread while it runs.
   std::unique_ptr<mapping::FeatureMapper> mapper_;
   std::unique_ptr<LoopRunner> loops_;  // null: loops are not closed
+  mapping::CollinearityCounter collinearity_;
+  map::ReportedTrajectory trajectory_;  // at the end
   std::vector<float> keyframe_ms_;
   std::int64_t feature_losses_ = 0;
   bool feature_lost_ = false;

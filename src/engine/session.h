@@ -17,6 +17,7 @@
 #include "engine/frame_preparation.h"
 #include "engine/map_writer.h"
 #include "engine/session_record.h"
+#include "mapping/collinearity.h"
 #include "mapping/feature_mapper.h"
 #include "mapping/loop_closer.h"
 #include "place/vocabulary.h"
@@ -30,8 +31,9 @@ struct SessionOptions {
   int threads = 3;
   direct::OdometryOptions odometry;
   mapping::FeatureMapperOptions mapping;
-  bool close_loops = false;  // needs a vocabulary
+  bool close_loops = true;  // needs a vocabulary
   mapping::LoopOptions loops;
+  mapping::CollinearityOptions collinearity;
   int packet_queue_limit = 5;  // keyframes waiting for an older one (paper Sec. V)
   int mapping_backlog = 8;     // packets waiting for the feature module; the odometry then waits for it
 
@@ -59,8 +61,9 @@ struct SessionReport {
   std::vector<float> frame_ms;             // per call of AddFrame
   std::vector<float> keyframe_ms;          // per packet through the feature module
   direct::OdometryStatistics odometry;
+  map::ReportedTrajectory trajectory;  // which of the two the frame poses below follow, and why
   std::vector<FramePose> frame_poses;
-  std::vector<mapping::TrajectoryKeyframe> keyframe_poses;
+  std::vector<mapping::TrajectoryKeyframe> keyframe_poses;  // likewise
 };
 
 class Session {

@@ -31,11 +31,14 @@ absl::StatusOr<map::Session> BeginSession(const SessionSource& source, const Pin
   return session;
 }
 
-absl::Status EndSession(map::Session session, TimeNs last_ns, bool wall_clock, MapWriter* writer) {
+absl::Status EndSession(SessionId session_id, TimeNs last_ns, bool wall_clock,
+                        std::optional<map::ReportedTrajectory> trajectory, MapWriter* writer) {
   map::Edit edit(writer->Current());
+  map::Session session = edit.base().sessions().at(session_id);
   session.last_ns = last_ns;
   session.ended_unix_ns = wall_clock ? UnixNowNs() : 0;
   session.complete = true;
+  session.trajectory = std::move(trajectory);
   edit.PutSession(session);
   return writer->Commit(edit.Finish(absl::StrCat("end session ", session.id.value()))).status();
 }

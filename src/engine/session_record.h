@@ -26,8 +26,9 @@ struct SessionSource {
 // day, which differs from run to run.
 absl::StatusOr<map::Session> BeginSession(const SessionSource& source, const Pinhole& pinhole, bool wall_clock,
                                           MapWriter* writer);
-// Marks the session complete.
-absl::Status EndSession(map::Session session, TimeNs last_ns, bool wall_clock, MapWriter* writer);
+// Marks the session complete. `trajectory`: which one it reported, if it had two.
+absl::Status EndSession(SessionId session, TimeNs last_ns, bool wall_clock,
+                        std::optional<map::ReportedTrajectory> trajectory, MapWriter* writer);
 
 // A new map's identity: 32 hex digits, random, or derived from `deterministic_seed` if that is given.
 std::string NewMapId(const std::optional<std::string>& deterministic_seed);

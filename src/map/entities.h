@@ -25,6 +25,29 @@ struct MapCamera {
   bool operator==(const MapCamera&) const = default;
 };
 
+// A loop that was closed: the camera was back where it had been, and the map between was corrected.
+struct ClosedLoop {
+  KeyframeId keyframe;  // back there; like the other it may have left the map since
+  TimeNs keyframe_time_ns = 0;
+  KeyframeId loop_keyframe;  // that had seen the place before
+  TimeNs loop_time_ns = 0;
+  int matches = 0;        // that agree on the similarity between the two
+  double scale = 1.0;     // lengths around `keyframe` over those around `loop_keyframe`, before: the drift
+  double shift = 0.0;     // by which the camera was moved, map units ...
+  double turn_rad = 0.0;  // ... and turned
+  double way = 0.0;       // length of the path between, map units; 0: not known
+  bool operator==(const ClosedLoop&) const = default;
+};
+
+// Which of its two trajectories a session reported (Lee and Civera, RA-L 2019, Sec. V-E).
+struct ReportedTrajectory {
+  bool refined = true;  // by the feature module; false: the direct module's
+  int keyframes = 0;    // inserted by the session ...
+  int collinear = 0;    // ... and of these, with collinear covisibility links
+  std::string reason;   // for people
+  bool operator==(const ReportedTrajectory&) const = default;
+};
+
 // One run over a camera stream that added to the map.
 struct Session {
   SessionId id;
@@ -36,7 +59,9 @@ struct Session {
   TimeNs last_ns = 0;
   std::int64_t started_unix_ns = 0;  // wall clock; 0 in deterministic runs
   std::int64_t ended_unix_ns = 0;
-  bool complete = false;  // false: the session is running, or was cut off
+  bool complete = false;                         // false: the session is running, or was cut off
+  std::vector<ClosedLoop> loops;                 // in order
+  std::optional<ReportedTrajectory> trajectory;  // of a complete session of images without given poses
   bool operator==(const Session&) const = default;
 };
 

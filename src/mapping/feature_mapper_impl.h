@@ -87,6 +87,7 @@ class FeatureMapper::Impl {
   absl::Status Continue(Current* current);
   bool Track(const PoseSeed& seed, Current* current);
   absl::StatusOr<bool> Relocate(Current* current);
+  bool MayGoOnAt(KeyframeId place, const direct::KeyframePacket& packet) const;
   absl::Status Accept(Current* current);
   absl::Status Lose(const SE3& guess, Current* current);
   absl::Status Start(const SE3& camera_from_map, double map_per_direct, KeyframeId parent, Current* current);

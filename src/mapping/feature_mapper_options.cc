@@ -14,6 +14,7 @@ absl::Status FeatureMapperOptions::Validate() const {
   if (max_local_keyframes < 1) return bad("max_local_keyframes must be at least 1");
   if (!(search_radius_px > 0.0) || !(refined_search_radius_px > 0.0)) return bad("search radii must be positive");
   if (!(neighbour_distance >= 0.0)) return bad("neighbour_distance must not be negative");
+  if (!(neighbour_way >= 0.0)) return bad("neighbour_way must not be negative");
   if (!(neighbour_angle_deg > 0.0 && neighbour_angle_deg < 180.0))
     return bad("neighbour_angle_deg must be in (0, 180)");
   if (!(odometry_sigma_share >= 0.0) || !(odometry_sigma_depth > 0.0)) {

@@ -27,6 +27,9 @@ struct FeatureMapperOptions {
   // Keyframes count as neighbours, linked or not, within this distance (in median scene depths) and viewing angle.
   double neighbour_distance = 0.6;
   double neighbour_angle_deg = 45.0;
+  // ... if the way to them along the map's graph is not longer than this, in median scene depths: over a longer one
+  // drift shows, and they are left to loop closing.
+  double neighbour_way = 5.0;
 
   // Standard deviations of direct odometry from one keyframe to the next, per axis: a share of the motion and of its
   // rotation, and a share of the median scene depth and as many radians. They weigh in where matches are few.

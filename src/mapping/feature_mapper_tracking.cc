@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "mapping/feature_mapper_impl.h"
+#include "mapping/graph_distance.h"
 #include "mapping/stopwatch.h"
 
 namespace cairn::mapping {
@@ -73,7 +74,7 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
                          relocalizer_.Relocalize(*map_, *places_, pinhole_, current->features->features));
   bool tracked = false;
-  if (found.localized) {
+  if (found.localized && MayGoOnAt(found.reference_keyframe, current->packet)) {
     std::vector<PointId> seen;
     for (const auto& inlier : found.inliers) seen.push_back(inlier.point);
     const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
@@ -85,6 +86,14 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
   }
   current->report.times.relocate_ms += watch.LapMs();
   return tracked;
+}
+
+// As long as odometry goes on, a place that is far away along the graph is one to which the camera has come back, or
+// one that only looks like it: loop closing decides, once the map goes on from a new start. A new segment knows
+// nothing.
+bool FeatureMapper::Impl::MayGoOnAt(KeyframeId place, const direct::KeyframePacket& packet) const {
+  if (!last_.known || packet.segment != last_.segment) return true;
+  return KeyframesWithin(*map_, last_.reference, options_.neighbour_way * median_depth_).contains(place);
 }
 
 std::optional<ScaleMeasurement> FeatureMapper::Impl::MeasureCentres(const Current& current) const {

@@ -6,6 +6,7 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "mapping/graph_distance.h"
 #include "optimization/pose_refinement.h"
 #include "tracking/local_map.h"
 
@@ -102,19 +103,21 @@ KeyframeId MostSharing(std::span<const map::MapPoint* const> points, std::span<c
 
 }  // namespace
 
-std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, const SE3& camera_from_map, double max_distance,
-                                        double max_angle_deg, std::size_t max_count) {
+std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, std::span<const KeyframeId> among,
+                                        const SE3& camera_from_map, double max_distance, double max_angle_deg,
+                                        std::size_t max_count) {
   const double min_cosine = std::cos(max_angle_deg * std::numbers::pi / 180.0);
   const Vector3d centre = camera_from_map.Inverse().translation();
   const Vector3d axis = camera_from_map.rotation().conjugate() * Vector3d::UnitZ();
   std::vector<std::pair<double, KeyframeId>> found;
-  map.keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
-    const double cosine = axis.dot(keyframe->camera_from_map.rotation().conjugate() * Vector3d::UnitZ());
-    if (cosine < min_cosine) return;
-    const double distance = (keyframe->CenterInMap() - centre).norm();
-    if (distance > max_distance) return;
-    found.emplace_back(distance / max_distance + (1.0 - cosine) / (1.0 - min_cosine), keyframe->id);
-  });
+  for (const KeyframeId id : among) {
+    const map::Keyframe& keyframe = map.keyframe(id);
+    const double cosine = axis.dot(keyframe.camera_from_map.rotation().conjugate() * Vector3d::UnitZ());
+    if (cosine < min_cosine) continue;
+    const double distance = (keyframe.CenterInMap() - centre).norm();
+    if (distance > max_distance) continue;
+    found.emplace_back(distance / max_distance + (1.0 - cosine) / (1.0 - min_cosine), id);
+  }
   std::sort(found.begin(), found.end());
   if (found.size() > max_count) found.resize(max_count);
   std::vector<KeyframeId> ids;
@@ -134,10 +137,14 @@ TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureV
     refinement.prior = {seed.camera_from_map, seed.translation_sigma, seed.rotation_sigma_rad};
   }
   const double reach = options.neighbour_distance * median_depth;
+  std::vector<KeyframeId> reachable;
+  for (const auto& [id, length] : KeyframesWithin(map, anchor, options.neighbour_way * median_depth)) {
+    reachable.push_back(id);
+  }
 
   tracking::ProjectionOptions projection;
   projection.radius_factor = radius_factor * options.search_radius_px / kObliqueRadiusPx;
-  result.nearby = NearbyKeyframes(map, seed.camera_from_map, reach, options.neighbour_angle_deg, kMaxNearby);
+  result.nearby = NearbyKeyframes(map, reachable, seed.camera_from_map, reach, options.neighbour_angle_deg, kMaxNearby);
   auto points = LocalPoints(map, seen, anchor, result.nearby, options);
   Round round = MatchAndRefine(view, seed.camera_from_map, points, orb, projection, refinement);
   result.matches = round.matches;
@@ -147,7 +154,7 @@ TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureV
   for (const auto& match : round.inliers) agreed.push_back(points[match.point]->id);
   projection.radius_factor = options.refined_search_radius_px / kObliqueRadiusPx;
   const SE3 first = round.camera_from_map;
-  result.nearby = NearbyKeyframes(map, first, reach, options.neighbour_angle_deg, kMaxNearby);
+  result.nearby = NearbyKeyframes(map, reachable, first, reach, options.neighbour_angle_deg, kMaxNearby);
   points = LocalPoints(map, agreed, anchor, result.nearby, options);
   round = MatchAndRefine(view, first, points, orb, projection, refinement);
   result.matches = round.matches;

@@ -2,8 +2,9 @@
 // in two rounds
 // - wide with the seed pose, then narrow with the refined one over everything that should be seen from there. The local
 // map holds the keyframes that share points and their neighbours (Lee and Civera, RA-L 2019, Sec. V-C), and also those
-// that merely look from nearby in a similar direction: so a camera that returns finds its old points without a loop
-// closure.
+// that merely look from nearby in a similar direction, as long as the way to them through the map is so short that
+// drift cannot matter: so a camera that returns soon finds its old points. To return after a long way is a loop
+// (mapping/loop_closer.h).
 #pragma once
 
 #include <span>
@@ -28,10 +29,11 @@ struct TrackedKeyframe {
   int inliers = 0;
 };
 
-// Keyframes whose camera is within `max_distance` and looks at most `max_angle_deg` away, at most `max_count`, best
-// first.
-std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, const SE3& camera_from_map, double max_distance,
-                                        double max_angle_deg, std::size_t max_count);
+// Of `among`, those whose camera is within `max_distance` and looks at most `max_angle_deg` away, at most `max_count`,
+// best first.
+std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, std::span<const KeyframeId> among,
+                                        const SE3& camera_from_map, double max_distance, double max_angle_deg,
+                                        std::size_t max_count);
 
 // The seed, and how far it may be wrong per axis: what odometry says between two keyframes is worth more than a few
 // matches.

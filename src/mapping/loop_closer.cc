@@ -6,6 +6,27 @@
 #include "mapping/stopwatch.h"
 
 namespace cairn::mapping {
+namespace {
+
+// The session of the current keyframe remembers its loop, in the same change of the map.
+void NoteInSession(const map::Snapshot& map, const Loop& loop, const LoopEvidence& evidence, map::Edit* edit) {
+  const map::Keyframe &current = map.keyframe(loop.current), &old = map.keyframe(loop.loop);
+  map::Session session = map.sessions().at(current.session);
+  map::ClosedLoop closed;
+  closed.keyframe = current.id;
+  closed.keyframe_time_ns = current.time_ns;
+  closed.loop_keyframe = old.id;
+  closed.loop_time_ns = old.time_ns;
+  closed.matches = evidence.guided_matches;
+  closed.scale = evidence.scale;
+  closed.shift = evidence.shift;
+  closed.turn_rad = evidence.turn_rad;
+  closed.way = evidence.path_length;
+  session.loops.push_back(closed);
+  edit->PutSession(session);
+}
+
+}  // namespace
 
 absl::StatusOr<LoopCloser> LoopCloser::Create(const LoopOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
@@ -43,6 +64,7 @@ absl::StatusOr<LoopReport> LoopCloser::Process(std::shared_ptr<const map::Snapsh
     return report;
   }
   CAIRN_RETURN_IF_ERROR(correction.status());
+  NoteInSession(*map, *loop, report.evidence, &edit);
   map::Delta delta = edit.Finish(absl::StrCat("close loop ", keyframe.value(), "-", loop->loop.value()));
   report.correct_ms = watch.LapMs();
   CAIRN_RETURN_IF_ERROR(commit(std::move(delta), correction->scales).status());

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "mapping/full_adjustment.h"
+#include "mapping/graph_distance.h"
 #include "mapping/testing_loop.h"
 
 namespace cairn::mapping {
@@ -63,6 +64,13 @@ TEST(LoopCloser, FindsAndClosesALoopWithScaleDrift) {
   int linked = 0;
   for (const map::CovisibilityEdge& edge : current.covisible) linked += edge.keyframe.value() < 30 ? 1 : 0;
   EXPECT_GT(linked, 3);
+  // The session remembers it.
+  const auto& loops = ring.map()->sessions().at(current.session).loops;
+  ASSERT_EQ(loops.size(), 1u);
+  EXPECT_EQ(loops[0].keyframe, run.report.current);
+  EXPECT_EQ(loops[0].loop_keyframe, run.report.loop);
+  EXPECT_EQ(loops[0].matches, evidence.guided_matches);
+  EXPECT_GT(loops[0].keyframe_time_ns, loops[0].loop_time_ns);
   // Lengths at the end have grown back, those at the loop keyframe are as they were.
   EXPECT_NEAR(run.report.correction.scales.at(run.report.current), std::exp(0.004 * 90.0), 0.05);
   EXPECT_EQ(run.report.correction.scales.at(run.report.loop), 1.0);
@@ -133,6 +141,32 @@ TEST(PathLength, FollowsTheSpanningTree) {
   EXPECT_LT(*whole, 2.0 * direct);
   EXPECT_EQ(PathLength(*ring.map(), ids[3], ids[3]), 0.0);
   EXPECT_EQ(PathLength(*ring.map(), ids[2], ids[7]), PathLength(*ring.map(), ids[7], ids[2]));
+}
+
+TEST(KeyframesWithin, IsFarAroundAnOpenRingAndNearOnceItIsClosed) {
+  Ring ring;
+  std::vector<KeyframeId> ids;
+  for (int i = 0; i < 80; ++i) ids.push_back(ring.AddKeyframe());
+  const auto near = KeyframesWithin(*ring.map(), ids.back(), 3.0);
+  EXPECT_EQ(near.at(ids.back()), 0.0);
+  EXPECT_GT(near.size(), 5u);
+  EXPECT_LT(near.size(), 40u);
+  for (const auto& [id, length] : near) {
+    EXPECT_LE(length, 3.0);
+    const double straight =
+        (ring.map()->keyframe(id).CenterInMap() - ring.map()->keyframe(ids.back()).CenterInMap()).norm();
+    EXPECT_GE(length, straight - 1e-12);
+    EXPECT_LE(length, *PathLength(*ring.map(), id, ids.back()) + 1e-12);
+  }
+  // The first is near by position alone.
+  const auto all = KeyframesWithin(*ring.map(), ids.back(), 1e9);
+  EXPECT_EQ(all.size(), ring.map()->keyframes().size());
+  EXPECT_GT(all.at(ids.front()), 20.0);
+  EXPECT_TRUE(KeyframesWithin(*ring.map(), KeyframeId(999), 1e9).empty());
+
+  const Round run = GoRound(&ring, 30);
+  ASSERT_TRUE(run.report.closed);
+  EXPECT_TRUE(KeyframesWithin(*ring.map(), run.report.current, 6.0).contains(run.report.loop));
 }
 
 TEST(FullAdjustment, ImprovesTheClosedLoopAndMergesWithWhatCameSince) {

@@ -219,8 +219,7 @@ class Verifier {
     const Sim3 moved_from_map = loop.current_from_loop * Sim3(loop_.camera_from_map);
     const Vector3d moved = moved_from_map.Inverse().translation();
     evidence_.shift = (moved - current_.CenterInMap()).norm();
-    evidence_.turn_deg =
-        kDegPerRad * AngleRad(moved_from_map.rotation() * current_.camera_from_map.rotation().conjugate());
+    evidence_.turn_rad = AngleRad(moved_from_map.rotation() * current_.camera_from_map.rotation().conjugate());
     const std::optional<double> length = PathLength(map_, current_.id, loop_.id);
     if (!length) {
       if (evidence_.guided_matches >= 2 * options_.min_guided_matches) return true;
@@ -233,7 +232,8 @@ class Verifier {
     }
     const double limit = options_.max_drift_share * *length + options_.drift_slack * MedianDepth(std::move(depths));
     const double scale = std::max(evidence_.scale, 1.0 / evidence_.scale);
-    if (evidence_.shift > limit || evidence_.turn_deg > options_.max_turn_deg || scale > options_.max_scale_change) {
+    if (evidence_.shift > limit || kDegPerRad * evidence_.turn_rad > options_.max_turn_deg ||
+        scale > options_.max_scale_change) {
       return Reject("odometry does not drift that much: it looks alike, but is another place");
     }
     return true;

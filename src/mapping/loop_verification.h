@@ -42,7 +42,7 @@ struct LoopEvidence {
   double scale = 1.0;
   double shift = 0.0;        // of the current camera by the correction, map units
   double path_length = 0.0;  // along the spanning tree, map units; 0 if it crosses a restart
-  double turn_deg = 0.0;
+  double turn_rad = 0.0;
 };
 
 // `places` is of the same revision as `map`.

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <numbers>
 #include <utility>
@@ -53,6 +54,11 @@ class Ring {
 
   const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
   const tracking::PlaceDatabase& places() const { return *places_; }
+  const place::Vocabulary& vocabulary() const { return *vocabulary_; }
+
+  using CommitFunction = std::function<absl::StatusOr<std::shared_ptr<const map::Snapshot>>(map::Delta delta)>;
+  // Who else takes part in changes of the map: gets those of AddKeyframe(), and has to call Commit().
+  void CommitThrough(CommitFunction commit) { commit_through_ = std::move(commit); }
 
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> Commit(const map::Delta& delta) {
     CAIRN_RETURN_IF_ERROR(places_->Update(delta));
@@ -77,8 +83,16 @@ class Ring {
     keyframe.features = Observe(world_from_camera, angle, &point_of_feature);
     const KeyframeId id = edit.AddKeyframe(keyframe);
     for (std::uint32_t i = 0; i < point_of_feature.size(); ++i) Track(point_of_feature[i], {id, i}, &edit);
-    EXPECT_TRUE(Commit(edit.Finish("keyframe")).ok());
+    map::Delta delta = edit.Finish("keyframe");
+    EXPECT_TRUE((commit_through_ ? commit_through_(std::move(delta)) : Commit(delta)).ok());
     return id;
+  }
+
+  // Continues from where the newest keyframe is in the map by now; lengths around it have grown by `growth`.
+  void GoOn(KeyframeId newest, double growth) {
+    const SE3 map_from_camera = map_->keyframe(newest).camera_from_map.Inverse();
+    const Sim3 scaling(Quaterniond::Identity(), Vector3d::Zero(), map_from_world_.scale() * growth);
+    map_from_world_ = Sim3(map_from_camera) * scaling * Sim3(truth_.back().Inverse());
   }
 
   // Root mean square of the camera centres after Sim(3) alignment, metres.
@@ -163,7 +177,8 @@ class Ring {
   void Track(std::size_t world_point, const map::Observation& observation, map::Edit* edit) {
     TrackState& track = tracks_[world_point];
     const std::size_t view = truth_.size();
-    if (track.last_view == 0 || view - track.last_view > 10) {
+    const bool gone = track.point && edit->FindPoint(track.point) == nullptr;
+    if (track.last_view == 0 || view - track.last_view > 10 || gone) {
       track = {PointId(), observation, view};
       return;
     }
@@ -186,6 +201,7 @@ class Ring {
   SessionId session_;
   std::vector<SE3> truth_;  // world_from_camera
   std::vector<TrackState> tracks_;
+  CommitFunction commit_through_;
   Sim3 map_from_world_;  // here and now
 };
 

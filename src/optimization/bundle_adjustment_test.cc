@@ -1,6 +1,7 @@
 #include "optimization/bundle_adjustment.h"
 
 #include <ceres/jet.h>
+#include <ceres/rotation.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -89,7 +90,7 @@ TEST(CeresCosts, ReprojectionFailsBehindTheCamera) {
   EXPECT_FALSE(cost.Evaluate(parameters, residual.data(), nullptr));
 }
 
-TEST(CeresCosts, PriorJacobianAgreesWithDifferences) {
+TEST(CeresCosts, PriorJacobianAgreesWithDifferencesAndAutodiff) {
   Random random(4);
   const internal::LeftIncrementManifold manifold;
   for (int trial = 0; trial < 20; ++trial) {
@@ -113,6 +114,27 @@ TEST(CeresCosts, PriorJacobianAgreesWithDifferences) {
       cost.Evaluate(there, low.data(), nullptr);
       const Vector6d difference = (high - low) / 2e-6;
       EXPECT_LT((difference - jacobian.col(i)).norm(), 1e-5 * (1.0 + difference.norm()));
+    }
+
+    using Jet = ceres::Jet<double, 6>;
+    using Vector3j = Eigen::Matrix<Jet, 3, 1>;
+    const Vector3j t(Jet(0.0, 0), Jet(0.0, 1), Jet(0.0, 2)), w(Jet(0.0, 3), Jet(0.0, 4), Jet(0.0, 5));
+    // To first order: R' = (I + [w]) R, and so R'^T v = R^T (v - w x v).
+    const Vector3j origin = pose.translation().cast<Jet>() + w.cross(Vector3j(pose.translation().cast<Jet>())) + t;
+    const Vector3j centre = -(pose.RotationMatrix().transpose().cast<Jet>() * Vector3j(origin - w.cross(origin)));
+    const Quaterniond error = pose.rotation() * prior.rotation().conjugate();
+    const Jet step[] = {Jet(1.0), 0.5 * w[0], 0.5 * w[1], 0.5 * w[2]};
+    const Jet from[] = {Jet(error.w()), Jet(error.x()), Jet(error.y()), Jet(error.z())};
+    Jet turned[4], angle_axis[3];
+    ceres::QuaternionProduct(step, from, turned);
+    ceres::QuaternionToAngleAxis(turned, angle_axis);
+    const Vector3d prior_centre = prior.Inverse().translation();
+    for (int i = 0; i < 3; ++i) {
+      const Jet shift = (centre[i] - prior_centre[i]) / 0.02, turn = angle_axis[i] / 0.01;
+      EXPECT_NEAR(shift.a, residual[i], 1e-9);
+      EXPECT_NEAR(turn.a, residual[3 + i], 1e-9);
+      EXPECT_LT((shift.v.transpose() - jacobian.row(i).head<6>()).norm(), 1e-9 * (1.0 + shift.v.norm()));
+      EXPECT_LT((turn.v.transpose() - jacobian.row(3 + i).head<6>()).norm(), 1e-9 * (1.0 + turn.v.norm()));
     }
   }
 }

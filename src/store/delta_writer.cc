@@ -79,6 +79,10 @@ absl::StatusOr<std::unique_ptr<DeltaWriter>> DeltaWriter::Prepare(Database* data
       {&writer->put_map_, kMapTable.UpsertSql()},
       {&writer->put_camera_, kCamerasTable.UpsertSql()},
       {&writer->put_session_, kSessionsTable.UpsertSql()},
+      {&writer->put_loop_, kLoopsTable.UpsertSql()},
+      {&writer->delete_loops_, "DELETE FROM loops WHERE session = ?"},
+      {&writer->put_trajectory_, kTrajectoriesTable.UpsertSql()},
+      {&writer->delete_trajectory_, "DELETE FROM reported_trajectories WHERE session = ?"},
       {&writer->select_keyframe_, kKeyframesTable.SelectSql("WHERE id = ?")},
       {&writer->put_keyframe_, kKeyframesTable.UpsertSql()},
       {&writer->delete_keyframe_, "DELETE FROM keyframes WHERE id = ?"},
@@ -120,11 +124,7 @@ absl::Status DeltaWriter::Commit(const map::Delta& delta, std::int64_t now_unix_
 
 absl::Status DeltaWriter::Write(const map::Delta& delta, MapRow* map_row) {
   for (const map::MapCamera& camera : delta.cameras) CAIRN_RETURN_IF_ERROR(PutCamera(camera));
-  for (const map::Session& session : delta.sessions) {
-    const Row row = RowOf(session);
-    row.BindWithChecksum(&put_session_);
-    CAIRN_RETURN_IF_ERROR(put_session_.Run());
-  }
+  for (const map::Session& session : delta.sessions) CAIRN_RETURN_IF_ERROR(PutSession(session));
   for (const PointId id : delta.removed_points) {
     CAIRN_RETURN_IF_ERROR(delete_point_.RunWith(id.value()));
     if (database_->Changes() != 1) return Rejected(absl::StrCat("point ", id.value(), " to be removed is not there"));
@@ -181,6 +181,25 @@ absl::Status DeltaWriter::PutCamera(const map::MapCamera& camera) {
   const Row row = RowOf(camera, &distortion_blob);
   row.BindWithChecksum(&put_camera_);
   return put_camera_.Run();
+}
+
+absl::Status DeltaWriter::PutSession(const map::Session& session) {
+  const Row row = RowOf(session);
+  row.BindWithChecksum(&put_session_);
+  CAIRN_RETURN_IF_ERROR(put_session_.Run());
+  CAIRN_RETURN_IF_ERROR(delete_loops_.RunWith(session.id.value()));
+  int number = 0;
+  for (const map::ClosedLoop& loop : session.loops) {
+    const Row loop_row = RowOf(LoopRow{session.id, ++number, loop});
+    loop_row.BindWithChecksum(&put_loop_);
+    CAIRN_RETURN_IF_ERROR(put_loop_.Run());
+  }
+  CAIRN_RETURN_IF_ERROR(delete_trajectory_.RunWith(session.id.value()));
+  if (!session.trajectory) return absl::OkStatus();
+  const TrajectoryRow trajectory{session.id, *session.trajectory};
+  const Row trajectory_row = RowOf(trajectory);
+  trajectory_row.BindWithChecksum(&put_trajectory_);
+  return put_trajectory_.Run();
 }
 
 absl::Status DeltaWriter::RemoveKeyframe(KeyframeId id, MapRow* map_row) {

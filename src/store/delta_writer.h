@@ -27,6 +27,7 @@ class DeltaWriter {
   explicit DeltaWriter(Database* database) : database_(database) {}
 
   absl::Status Write(const map::Delta& delta, MapRow* map_row);
+  absl::Status PutSession(const map::Session& session);
   absl::Status PutCamera(const map::MapCamera& camera);
   absl::Status RemoveKeyframe(KeyframeId id, MapRow* map_row);
   absl::Status PutKeyframe(const map::Keyframe& keyframe, MapRow* map_row);
@@ -43,7 +44,7 @@ class DeltaWriter {
 
   Database* database_;
   Statement select_map_, put_map_;
-  Statement put_camera_, put_session_;
+  Statement put_camera_, put_session_, put_loop_, delete_loops_, put_trajectory_, delete_trajectory_;
   Statement select_keyframe_, put_keyframe_, delete_keyframe_;
   Statement put_features_, count_features_, delete_features_;
   Statement select_point_ids_, put_point_ids_, delete_point_ids_;

@@ -87,11 +87,6 @@ absl::StatusOr<std::unique_ptr<MapFile>> MapFile::OpenReadOnly(const std::string
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(path));
     std::string immutable_stamp;
     CAIRN_ASSIGN_OR_RETURN(auto database, OpenForReading(resolved, &immutable_stamp));
-    CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database->QueryInt("PRAGMA user_version"));
-    if (version != SupportedFormatVersion()) {
-      return absl::FailedPreconditionError(
-          absl::StrCat("it is of the older map format ", version, "; open it once for writing to bring it up to date"));
-    }
     CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
     std::unique_ptr<MapFile> file(new MapFile(path, std::move(database), nullptr, {}));
     file->immutable_stamp_ = immutable_stamp;

@@ -128,7 +128,7 @@ TEST(MapFaults, NewerVersion) {
     EXPECT_TRUE(IsNewerVersion(status)) << status;
     EXPECT_EQ(status.code(), absl::StatusCode::kUnimplemented);
     EXPECT_THAT(std::string(status.message()), HasSubstr("format 7"));
-    EXPECT_THAT(std::string(status.message()), HasSubstr("up to 1"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr("up to " + std::to_string(SupportedFormatVersion())));
   }
 }
 
@@ -159,6 +159,8 @@ TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
   expect_finding("UPDATE map SET name = 'other'", "map", 1);
   expect_finding("UPDATE cameras SET fx_px = 1.0", "cameras", 1);
   expect_finding("UPDATE sessions SET complete = 1", "sessions", 1);
+  expect_finding("INSERT INTO loops VALUES (1, 1, 2, 0, 1, 0, 50, 1.0, 0.0, 0.0, 0.0, 5)", "loops", 1);
+  expect_finding("INSERT INTO reported_trajectories VALUES (1, 1, 5, 2, 'x', 5)", "reported_trajectories", 1);
   expect_finding("UPDATE keyframes SET time_ns = 1 WHERE id = 3", "keyframes", 3);
   expect_finding("UPDATE keyframe_features SET keypoints = zeroblob(540) WHERE keyframe = 2", "keyframe_features", 2);
   expect_finding("UPDATE keyframe_features SET words = zeroblob(180) WHERE keyframe = 2", "keyframe_features", 2);

@@ -94,6 +94,7 @@ TEST(MapFile, RoundTripsToTheBitAfterEveryChange) {
     map::Session session = map->sessions().at(SessionId(1));
     session.complete = true;
     session.ended_unix_ns = 1700000009000000000;
+    session.trajectory = map::ReportedTrajectory{seed == 1, 20, 7, "direct: 7 of 20 keyframes \"on a line\""};
     edit.PutSession(session);
     Change(file.get(), &map, edit.Finish("end of the session"));
     ASSERT_TRUE(file->Close().ok());
@@ -101,6 +102,54 @@ TEST(MapFile, RoundTripsToTheBitAfterEveryChange) {
     ExpectFileHolds(path, *map);
     EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
   }
+}
+
+TEST(MapFile, LoopsAreKeptInOrder) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  auto file = *MapFile::Create(path, TestInfo(), {.vocabulary = "words"});
+  MapGrower grower(4);
+  SnapshotPtr map = Grow(file.get(), &grower, 3);
+  for (std::uint32_t i = 0; i < 12; ++i) {
+    map::Edit edit(map);
+    map::Session session = map->sessions().at(SessionId(1));
+    session.loops.push_back({KeyframeId(40 - i), 1403715273262142976 + i, KeyframeId(1 + i), 1403715273262142976,
+                             50 + static_cast<int>(i), 1.0 + 0.01 * i, 0.25, -0.0, 60.5});
+    edit.PutSession(session);
+    Change(file.get(), &map, edit.Finish("close loop"));
+    ExpectFileHolds(path, *map);
+  }
+  EXPECT_EQ((*file->LoadSnapshot())->sessions().at(SessionId(1)).loops, map->sessions().at(SessionId(1)).loops);
+}
+
+// A file as the first version of the format had it.
+TEST(MapFile, OlderFormatIsReadAndBroughtUpToDate) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  MapGrower grower(6);
+  SnapshotPtr map;
+  {
+    auto file = *MapFile::Create(path, TestInfo(), {.vocabulary = "words"});
+    map = Grow(file.get(), &grower, 4);
+    ASSERT_TRUE(file->Close().ok());
+    auto database = *Database::OpenFile(path, Database::Mode::kReadWrite);
+    ASSERT_TRUE(database->Execute("DROP TABLE loops; DROP TABLE reported_trajectories; PRAGMA user_version = 1").ok());
+  }
+  ExpectFileHolds(path, *map);
+  EXPECT_EQ((*(*MapFile::OpenReadOnly(path))->ReadSummary()).format_version, 1);
+  auto file = MapFile::Open(path);
+  ASSERT_TRUE(file.ok()) << file.status();
+  EXPECT_EQ((*(*file)->ReadSummary()).format_version, SupportedFormatVersion());
+  EXPECT_TRUE(SameBits(**(*file)->LoadSnapshot(), *map));
+  Change(file->get(), &map, grower.AddKeyframe(map));
+  map::Edit edit(map);
+  map::Session session = map->sessions().at(SessionId(1));
+  session.loops.push_back({KeyframeId(4), 2, KeyframeId(1), 1, 50, 1.01, 0.25, 0.1, 60.5});
+  session.trajectory = map::ReportedTrajectory{true, 4, 0, "refined: a loop was closed"};
+  edit.PutSession(session);
+  Change(file->get(), &map, edit.Finish("close loop"));
+  ASSERT_TRUE((*file)->Close().ok());
+  ExpectFileHolds(path, *map);
 }
 
 TEST(MapFile, ContinuesAfterReopening) {

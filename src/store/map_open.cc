@@ -4,6 +4,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
@@ -126,7 +127,12 @@ absl::Status CheckSchema(Database* database, bool views, const FindingSink& sink
     }
   };
   CAIRN_ASSIGN_OR_RETURN(const auto pristine, Database::OpenFile("", Database::Mode::kMemory));
-  CAIRN_RETURN_IF_ERROR(Migrate(pristine.get(), BuiltInMigrations()));
+  // Of the format that the file has: older ones are read as they are.
+  CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database->QueryInt("PRAGMA user_version"));
+  const auto migrations = BuiltInMigrations();
+  const auto applied =
+      std::min<std::size_t>(static_cast<std::size_t>(std::max<std::int64_t>(0, version)), migrations.size());
+  CAIRN_RETURN_IF_ERROR(Migrate(pristine.get(), migrations.first(applied)));
   CAIRN_ASSIGN_OR_RETURN(const Objects expected, read(pristine.get()));
   CAIRN_ASSIGN_OR_RETURN(const Objects actual, read(database));
   for (const auto& [name, text] : expected) {

@@ -66,6 +66,7 @@ absl::Status MapReader::ReadEntities() {
       kCamerasTable, [&](map::MapCamera&& value) { content_.cameras.push_back(std::move(value)); }));
   CAIRN_RETURN_IF_ERROR(ReadTable<map::Session>(
       kSessionsTable, [&](map::Session&& value) { content_.sessions.push_back(std::move(value)); }));
+  CAIRN_RETURN_IF_ERROR(ReadTrajectories());
   CAIRN_RETURN_IF_ERROR(ReadTable<map::Keyframe>(kKeyframesTable, [&](map::Keyframe&& value) {
     keyframes_.push_back(std::make_shared<map::Keyframe>(std::move(value)));
   }));
@@ -74,6 +75,40 @@ absl::Status MapReader::ReadEntities() {
   CAIRN_RETURN_IF_ERROR(ReadTable<PointRow>(kPointsTable, [&](PointRow&& value) { points_.push_back(value); }));
   CAIRN_RETURN_IF_ERROR(ReadTable<EdgeRow>(kCovisibilityTable, [&](EdgeRow&& value) { edges_.push_back(value); }));
   return CheckCounts();
+}
+
+absl::Status MapReader::ReadTrajectories() {
+  CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database_->QueryInt("PRAGMA user_version"));
+  if (version < 2) return absl::OkStatus();
+  std::vector<LoopRow> loops;
+  std::vector<TrajectoryRow> trajectories;
+  CAIRN_RETURN_IF_ERROR(ReadTable<LoopRow>(kLoopsTable, [&](LoopRow&& row) { loops.push_back(std::move(row)); }));
+  CAIRN_RETURN_IF_ERROR(ReadTable<TrajectoryRow>(kTrajectoriesTable,
+                                                 [&](TrajectoryRow&& row) { trajectories.push_back(std::move(row)); }));
+  std::sort(loops.begin(), loops.end(), [](const LoopRow& a, const LoopRow& b) {
+    return a.session != b.session ? a.session < b.session : a.number < b.number;
+  });
+  const auto find = [&](SessionId id) {
+    return std::find_if(content_.sessions.begin(), content_.sessions.end(),
+                        [id](const map::Session& session) { return session.id == id; });
+  };
+  for (LoopRow& row : loops) {
+    const auto session = find(row.session);
+    if (session == content_.sessions.end() || row.number != static_cast<int>(session->loops.size()) + 1) {
+      CAIRN_RETURN_IF_ERROR(Report(kLoopsTable.name, row.session.value(), "its session or an earlier loop is missing"));
+    } else {
+      session->loops.push_back(row.loop);
+    }
+  }
+  for (TrajectoryRow& row : trajectories) {
+    const auto session = find(row.session);
+    if (session == content_.sessions.end()) {
+      CAIRN_RETURN_IF_ERROR(Report(kTrajectoriesTable.name, row.session.value(), "its session is missing"));
+    } else {
+      session->trajectory = std::move(row.trajectory);
+    }
+  }
+  return absl::OkStatus();
 }
 
 map::Keyframe* MapReader::FindKeyframe(std::int64_t id) {

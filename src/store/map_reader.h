@@ -41,6 +41,8 @@ class MapReader {
   // Reads the rows of a table with a row checksum in the order of their keys; `take` keeps one.
   template <class Value, class Take>
   absl::Status ReadTable(const TableSpec& table, Take take);
+  // Loops and reported trajectories of the sessions; formats before 2 have none.
+  absl::Status ReadTrajectories();
   absl::Status ReadFeatures();
   absl::Status ReadPointIds();
   absl::Status CheckCounts();

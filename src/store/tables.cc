@@ -66,6 +66,13 @@ constexpr std::array<StringView, 11> kSessionsColumns = {
     "id",      "camera",          "source",        "software_version", "settings_json", "first_ns",
     "last_ns", "started_unix_ns", "ended_unix_ns", "complete",         "row_checksum",
 };
+constexpr std::array<StringView, 12> kLoopsColumns = {
+    "session", "number", "keyframe", "keyframe_time_ns", "loop_keyframe", "loop_time_ns",
+    "matches", "scale",  "shift",    "turn_rad",         "way",           "row_checksum",
+};
+constexpr std::array<StringView, 6> kTrajectoriesColumns = {
+    "session", "refined", "keyframes", "collinear", "reason", "row_checksum",
+};
 constexpr std::array<StringView, 22> kKeyframesColumns = {
     "id",
     "session",
@@ -156,6 +163,8 @@ absl::Status ReadRigid(const Statement& row, int column, StringView name, SE3* p
 const TableSpec kMapTable{"map", kMapColumns};
 const TableSpec kCamerasTable{"cameras", kCamerasColumns};
 const TableSpec kSessionsTable{"sessions", kSessionsColumns};
+const TableSpec kLoopsTable{"loops", kLoopsColumns, 2};
+const TableSpec kTrajectoriesTable{"reported_trajectories", kTrajectoriesColumns};
 const TableSpec kKeyframesTable{"keyframes", kKeyframesColumns};
 const TableSpec kPointsTable{"points", kPointsColumns};
 const TableSpec kCovisibilityTable{"covisibility", kCovisibilityColumns, 2};
@@ -298,6 +307,51 @@ absl::Status FromRow(const Statement& row, map::Session* value) {
   value->started_unix_ns = row.Int(7);
   value->ended_unix_ns = row.Int(8);
   value->complete = row.Int(9) != 0;
+  return absl::OkStatus();
+}
+
+// --- loops ---
+
+Row RowOf(const LoopRow& value) {
+  const map::ClosedLoop& loop = value.loop;
+  Row row;
+  row.Int(value.session.value()).Int(value.number).Int(loop.keyframe.value()).Int(loop.keyframe_time_ns);
+  row.Int(loop.loop_keyframe.value()).Int(loop.loop_time_ns).Int(loop.matches);
+  row.Real(loop.scale).Real(loop.shift).Real(loop.turn_rad).Real(loop.way);
+  return row;
+}
+
+absl::Status FromRow(const Statement& row, LoopRow* value) {
+  map::ClosedLoop& loop = value->loop;
+  if (!ReadId(row, 0, &value->session)) return OutOfRange("session");
+  if (!ReadInt(row, 1, &value->number)) return OutOfRange("number");
+  if (!ReadId(row, 2, &loop.keyframe)) return OutOfRange("keyframe");
+  loop.keyframe_time_ns = row.Int(3);
+  if (!ReadId(row, 4, &loop.loop_keyframe)) return OutOfRange("loop_keyframe");
+  loop.loop_time_ns = row.Int(5);
+  if (!ReadInt(row, 6, &loop.matches)) return OutOfRange("matches");
+  loop.scale = row.Real(7);
+  loop.shift = row.Real(8);
+  loop.turn_rad = row.Real(9);
+  loop.way = row.Real(10);
+  return absl::OkStatus();
+}
+
+// --- reported_trajectories ---
+
+Row RowOf(const TrajectoryRow& value) {
+  Row row;
+  row.Int(value.session.value()).Int(value.trajectory.refined ? 1 : 0).Int(value.trajectory.keyframes);
+  row.Int(value.trajectory.collinear).Text(value.trajectory.reason);
+  return row;
+}
+
+absl::Status FromRow(const Statement& row, TrajectoryRow* value) {
+  if (!ReadId(row, 0, &value->session)) return OutOfRange("session");
+  value->trajectory.refined = row.Int(1) != 0;
+  if (!ReadInt(row, 2, &value->trajectory.keyframes)) return OutOfRange("keyframes");
+  if (!ReadInt(row, 3, &value->trajectory.collinear)) return OutOfRange("collinear");
+  value->trajectory.reason = std::string(row.Text(4));
   return absl::OkStatus();
 }
 

@@ -27,6 +27,8 @@ struct TableSpec {
 extern const TableSpec kMapTable;
 extern const TableSpec kCamerasTable;
 extern const TableSpec kSessionsTable;
+extern const TableSpec kLoopsTable;
+extern const TableSpec kTrajectoriesTable;
 extern const TableSpec kKeyframesTable;
 extern const TableSpec kPointsTable;
 extern const TableSpec kCovisibilityTable;
@@ -45,6 +47,19 @@ struct MapRow {
   std::int64_t keyframe_count = 0;
   std::int64_t point_count = 0;
   std::int64_t covisibility_count = 0;
+};
+
+// One row of table `loops`; a session's are numbered from 1.
+struct LoopRow {
+  SessionId session;
+  int number = 0;
+  map::ClosedLoop loop;
+};
+
+// One row of table `reported_trajectories`.
+struct TrajectoryRow {
+  SessionId session;
+  map::ReportedTrajectory trajectory;
 };
 
 // One row of table `covisibility`; a < b.
@@ -67,6 +82,8 @@ struct PointRow {
 Row RowOf(const MapRow& value);
 Row RowOf(const map::MapCamera& value, std::string* distortion_blob);
 Row RowOf(const map::Session& value);
+Row RowOf(const LoopRow& value);
+Row RowOf(const TrajectoryRow& value);
 Row RowOf(const map::Keyframe& value);
 Row RowOf(const PointRow& value);
 Row RowOf(const EdgeRow& value);
@@ -76,6 +93,8 @@ Row RowOf(const LoggedChange& value);
 absl::Status FromRow(const Statement& row, MapRow* value);
 absl::Status FromRow(const Statement& row, map::MapCamera* value);
 absl::Status FromRow(const Statement& row, map::Session* value);
+absl::Status FromRow(const Statement& row, LoopRow* value);
+absl::Status FromRow(const Statement& row, TrajectoryRow* value);
 absl::Status FromRow(const Statement& row, map::Keyframe* value);
 absl::Status FromRow(const Statement& row, PointRow* value);
 absl::Status FromRow(const Statement& row, EdgeRow* value);

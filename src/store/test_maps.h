@@ -196,6 +196,17 @@ class Bits {
         Add(value);
       }
       Add(session.complete);
+      for (const map::ClosedLoop& loop : session.loops) {
+        for (const KeyframeId keyframe : {loop.keyframe, loop.loop_keyframe}) Add(keyframe);
+        for (const std::int64_t value : {loop.keyframe_time_ns, loop.loop_time_ns}) Add(value);
+        Add(loop.matches);
+        for (const double value : {loop.scale, loop.shift, loop.turn_rad, loop.way}) Add(value);
+      }
+      Add(session.trajectory.has_value());
+      if (!session.trajectory) continue;
+      Add(session.trajectory->refined);
+      for (const int value : {session.trajectory->keyframes, session.trajectory->collinear}) Add(value);
+      Text(session.trajectory->reason);
     }
     snapshot.keyframes().ForEach([&](const auto& keyframe) { AddKeyframe(*keyframe); });
     snapshot.points().ForEach([&](const auto& point) { AddPoint(*point); });

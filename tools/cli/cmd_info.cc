@@ -6,6 +6,7 @@
 
 #include "cli/cli.h"
 #include "cli/pictures.h"
+#include "cli/session_report.h"
 #include "store/map_file.h"
 
 namespace cairn::cli {
@@ -72,6 +73,8 @@ nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) 
                         {"keyframes", keyframes},
                         {"duration_s", ToSeconds(session.last_ns - session.first_ns)},
                         {"complete", session.complete},
+                        {"loops", LoopsAsJson(session)},
+                        {"trajectory", TrajectoryAsJson(session)},
                         {"software_version", session.software_version},
                         {"started", FormatUnixTime(session.started_unix_ns)},
                         {"settings", nlohmann::ordered_json::parse(session.settings_json, nullptr, false)}});
@@ -101,7 +104,7 @@ nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) 
           {"sessions", sessions}};
 }
 
-void Print(const nlohmann::ordered_json& info, const std::string& path) {
+void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const std::string& path) {
   const auto number = [&](const char* key) { return info[key].get<double>(); };
   std::printf("%s: map \"%s\", revision %lld\n", path.c_str(), info["name"].get<std::string>().c_str(),
               info["revision"].get<long long>());
@@ -127,6 +130,7 @@ void Print(const nlohmann::ordered_json& info, const std::string& path) {
         session["keyframes"].get<long long>(), session["software_version"].get<std::string>().c_str(),
         session["started"].get<std::string>().empty() ? "" : (" on " + session["started"].get<std::string>()).c_str(),
         session["complete"].get<bool>() ? "" : " (running, or cut off)");
+    PrintLoopsAndTrajectory(map.sessions().at(SessionId(session["id"].get<SessionId::Value>())), "    ");
   }
 }
 
@@ -150,7 +154,7 @@ absl::Status Info(const InfoOptions& options) {
   if (options.json) {
     PrintJson(info);
   } else {
-    Print(info, options.map);
+    Print(info, *map, options.map);
     if (options.digest) std::printf("  content digest %s\n", info["digest"].get<std::string>().c_str());
     if (!options.picture.empty()) std::printf("  picture: %s\n", options.picture.c_str());
   }

@@ -67,11 +67,14 @@ void AddRunCommand(CLI::App& app, Action* action) {
       ->check(CLI::Range(0.001, 1000.0))
       ->excludes(deterministic)
       ->excludes(poses);
+  CLI::Option* vo = verb->add_flag_callback(
+      "--vo", [options] { options->session.close_loops = false; },
+      "Visual odometry: close no loops; parts of the map that are far apart along the path stay apart");
   verb->add_flag("--full-resolution", options->session.odometry.full_resolution,
                  "Track on full instead of half resolution: slower");
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
-  for (CLI::Option* of_maps : {map, name, poses, vocabulary, picture}) odometry_only->excludes(of_maps);
+  for (CLI::Option* of_maps : {map, name, poses, vocabulary, picture, vo}) odometry_only->excludes(of_maps);
   verb->footer(
       "Examples:\n"
       "  cairn run rgbd_dataset --camera camera.yaml --map office.cairn\n"

@@ -15,6 +15,7 @@ struct SynthOptions {
   std::vector<std::string> effects;
   std::uint64_t seed = 1;
   int session = 1;
+  std::vector<double> size_m;  // along x and y
   double laps = 0.0;
   double rate_hz = 0.0;
   double duration_s = 0.0;
@@ -39,6 +40,7 @@ absl::Status Synthesize(const SynthOptions& options) {
   dataset.sequence.world.seed = options.seed;
   dataset.sequence.trajectory.seed = options.seed;
   dataset.sequence.trajectory.session = options.session - 1;
+  if (!options.size_m.empty()) dataset.sequence.world.size_m.head<2>() = Vector2d(options.size_m.data());
   if (options.laps > 0.0) dataset.sequence.trajectory.laps = options.laps;
   if (options.rate_hz > 0.0) dataset.sequence.rate_hz = options.rate_hz;
   dataset.sequence.max_duration_s = options.duration_s;
@@ -80,6 +82,8 @@ void AddSynthCommand(CLI::App& app, Action* action) {
   verb->add_option("--session", options->session, "Other paths through the same world: 1, 2, ...")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
+  verb->add_option("--size", options->size_m, "Of the room, or of the corridor's outer wall, in metres: X Y")
+      ->expected(2);
   verb->add_option("--laps", options->laps, "Rounds; the preset's if not given");
   verb->add_option("--rate", options->rate_hz, "Images per second; the preset's if not given");
   verb->add_option("--duration", options->duration_s, "Stop after so many seconds");

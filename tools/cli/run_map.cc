@@ -7,6 +7,7 @@
 #include "cli/pictures.h"
 #include "cli/run_options.h"
 #include "cli/sample_statistics.h"
+#include "cli/session_report.h"
 #include "io/trajectory.h"
 #include "place/default_vocabulary.h"
 
@@ -32,8 +33,8 @@ absl::Status WritePoses(const std::string& path, const std::vector<std::pair<Tim
   return io::WriteTumTrajectory(path, InWorld(poses, map), write);
 }
 
-void PrintReport(const RunOptions& options, const engine::SessionReport& report, const io::SourceInfo& info,
-                 const FeedReport& feed, const InterruptWatch& interrupt) {
+void PrintReport(const RunOptions& options, const engine::SessionReport& report, const map::Session& session,
+                 const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt) {
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}};
     AddFeedJson(feed, info, report.frames_tracked, interrupt, &json);
@@ -42,9 +43,12 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
                  {"points", report.points},
                  {"segments", report.odometry.segments},
                  {"feature_losses", report.feature_losses},
+                 {"loops", LoopsAsJson(session)},
+                 {"trajectory", TrajectoryAsJson(session)},
                  {"frame_ms", SampleStatistics(report.frame_ms)},
                  {"track_ms", SampleStatistics(report.odometry.track.samples_ms)},
-                 {"keyframe_ms", SampleStatistics(report.keyframe_ms)}});
+                 {"keyframe_ms", SampleStatistics(report.keyframe_ms)},
+                 {"loop_search_ms", SampleStatistics(report.loop_search_ms)}});
     PrintJson(json);
     return;
   }
@@ -53,6 +57,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   PrintFeed(feed, info, report.frames_tracked, interrupt);
   std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
               Percentile(report.frame_ms, 0.5), Mean(report.frame_ms), Percentile(report.keyframe_ms, 0.5));
+  PrintLoopsAndTrajectory(session, "  ");
   if (report.feature_losses > 0) {
     std::printf("  the feature map was lost %lld times; the odometry bridged it\n",
                 static_cast<long long>(report.feature_losses));
@@ -95,6 +100,7 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
       {"stride", options.input.open.stride},
       {"deterministic", deterministic},
       {"full_resolution", options.session.odometry.full_resolution},
+      {"close_loops", options.session.close_loops},
       {"poses_given", !options.poses.empty()}};
   session_source.settings_json = settings.dump();
   return MapRun{std::move(source), std::move(vocabulary), std::move(writer), std::move(session_source)};
@@ -140,7 +146,8 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   }
   CAIRN_RETURN_IF_ERROR(run.writer->Close());
   CAIRN_RETURN_IF_ERROR(WriteMapOutputs(options, *run.writer->Current(), frame_poses));
-  PrintReport(options, report, run.source->info(), feed, *interrupt);
+  PrintReport(options, report, run.writer->Current()->sessions().rbegin()->second, run.source->info(), feed,
+              *interrupt);
   return absl::OkStatus();
 }
 

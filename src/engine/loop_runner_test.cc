@@ -1,0 +1,102 @@
+#include "engine/loop_runner.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "mapping/testing_loop.h"
+
+namespace cairn::engine {
+namespace {
+
+using mapping::FeatureMapper;
+using mapping::testing::Ring;
+
+// A feature module whose keyframes come from a ring of points instead of images, and the loop closing around it.
+class RingMapper {
+ public:
+  explicit RingMapper(bool in_background) {
+    const auto commit = [this](map::Delta delta) {
+      reasons_.push_back(delta.reason);
+      return ring_.Commit(delta);
+    };
+    mapper_ = *FeatureMapper::Create({}, ring_.map(), SessionId(1), CameraId(1), &ring_.vocabulary(), commit);
+    ring_.CommitThrough([this](map::Delta delta) { return mapper_->CommitCorrection(std::move(delta), {}); });
+    runner_ = *LoopRunner::Create({}, in_background);
+  }
+
+  void AddKeyframe() {
+    mapping::KeyframeReport packet;
+    packet.inserted = true;
+    packet.keyframe = ring_.AddKeyframe();
+    const absl::Status status = runner_->AfterPacket(packet, mapper_.get());
+    EXPECT_TRUE(status.ok()) << status;
+  }
+
+  // Once round; true if that closed a loop.
+  bool GoRound(int max_keyframes = 110) {
+    for (int i = 0; i < max_keyframes && runner_->loops().empty(); ++i) {
+      error_before_ = ring_.Error();
+      AddKeyframe();
+    }
+    return !runner_->loops().empty();
+  }
+
+  Ring ring_;
+  std::vector<std::string> reasons_;
+  std::unique_ptr<FeatureMapper> mapper_;
+  std::unique_ptr<LoopRunner> runner_;
+  double error_before_ = 0.0;
+};
+
+TEST(LoopRunner, AdjustsBesideTheMappingAndMergesWhatCameMeanwhile) {
+  RingMapper run(/*in_background=*/true);
+  ASSERT_TRUE(run.GoRound());
+  const double closed = run.ring_.Error();
+  EXPECT_LT(closed, run.error_before_ / 5.0);
+  // The adjustment is under way, or done already: these arrive meanwhile, and must fit what it gives.
+  const mapping::LoopReport& loop = run.runner_->loops().front();
+  run.ring_.GoOn(loop.current, loop.correction.scales.at(loop.current));
+  for (int i = 0; i < 3; ++i) run.AddKeyframe();
+  ASSERT_TRUE(run.runner_->Finish(run.mapper_.get()).ok());
+  EXPECT_EQ(std::count(run.reasons_.begin(), run.reasons_.end(), "full bundle adjustment"), 1);
+  EXPECT_LT(run.ring_.Error(), closed);
+  EXPECT_TRUE(run.ring_.map()->CheckConsistency().ok()) << run.ring_.map()->CheckConsistency();
+  EXPECT_EQ(run.mapper_->map()->revision(), run.ring_.map()->revision());
+  EXPECT_EQ(run.ring_.map()->sessions().at(SessionId(1)).loops.size(), 1u);
+  EXPECT_GE(run.runner_->search_ms().size(), run.ring_.map()->keyframes().size());
+}
+
+TEST(LoopRunner, WithoutAThreadEverythingIsDoneAtOnce) {
+  RingMapper first(/*in_background=*/false), second(/*in_background=*/false);
+  ASSERT_TRUE(first.GoRound());
+  EXPECT_EQ(first.reasons_.back(), "full bundle adjustment");
+  ASSERT_TRUE(second.GoRound());
+  EXPECT_EQ(first.ring_.Error(), second.ring_.Error());
+}
+
+TEST(LoopRunner, IsCutShortWhenItIsNotWaitedFor) {
+  RingMapper run(/*in_background=*/true);
+  ASSERT_TRUE(run.GoRound());
+  const auto map = run.ring_.map();
+  run.runner_.reset();  // joins its thread
+  EXPECT_EQ(run.ring_.map(), map);
+}
+
+TEST(LoopRunner, DoesNothingForWhatWasNotInserted) {
+  RingMapper run(/*in_background=*/false);
+  run.AddKeyframe();
+  const Revision revision = run.ring_.map()->revision();
+  EXPECT_TRUE(run.runner_->AfterPacket({}, run.mapper_.get()).ok());
+  EXPECT_TRUE(run.runner_->Finish(run.mapper_.get()).ok());
+  EXPECT_EQ(run.ring_.map()->revision(), revision);
+  mapping::LoopOptions bad;
+  bad.min_cells = 0;
+  EXPECT_TRUE(absl::IsInvalidArgument(LoopRunner::Create(bad, true).status()));
+}
+
+}  // namespace
+}  // namespace cairn::engine

@@ -1,0 +1,69 @@
+#include "mapping/direct_trajectory.h"
+
+#include <cmath>
+#include <optional>
+#include <span>
+
+#include "geometry/alignment.h"
+
+namespace cairn::mapping {
+namespace {
+
+// Length of the axes that stand for the orientation of a camera, against the spread of the positions: they decide how a
+// straight path is turned about itself, and little else.
+constexpr double kAxisShare = 0.1;
+
+// Root mean square distance from the mean.
+double Spread(std::span<const SE3> poses) {
+  Vector3d mean = Vector3d::Zero();
+  for (const SE3& pose : poses) mean += pose.translation() / static_cast<double>(poses.size());
+  double sum = 0.0;
+  for (const SE3& pose : poses) sum += (pose.translation() - mean).squaredNorm();
+  return std::sqrt(sum / static_cast<double>(poses.size()));
+}
+
+// Positions, and the ends of the axes of each camera.
+std::vector<Vector3d> Marks(std::span<const SE3> poses, double axis) {
+  std::vector<Vector3d> marks;
+  for (const SE3& pose : poses) {
+    marks.push_back(pose.translation());
+    for (int k = 0; k < 3; ++k) marks.push_back(pose * Vector3d(axis * Vector3d::Unit(k)));
+  }
+  return marks;
+}
+
+std::optional<Sim3> MapFromDirect(std::span<const TrajectoryKeyframe> segment) {
+  std::vector<SE3> in_map, in_direct;
+  for (const TrajectoryKeyframe& keyframe : segment) {
+    if (!keyframe.located) continue;
+    in_map.push_back(keyframe.map_from_camera);
+    in_direct.push_back(keyframe.direct_from_camera);
+  }
+  if (in_map.size() < 3) return std::nullopt;
+  const double map_spread = Spread(in_map), direct_spread = Spread(in_direct);
+  if (!(map_spread > 0.0) || !(direct_spread > 0.0)) return std::nullopt;
+  const auto aligned =
+      AlignPoints(Marks(in_map, kAxisShare * map_spread), Marks(in_direct, kAxisShare * direct_spread));
+  if (!aligned.ok()) return std::nullopt;
+  return aligned->a_from_b;
+}
+
+}  // namespace
+
+std::vector<TrajectoryKeyframe> DirectTrajectory(const std::vector<TrajectoryKeyframe>& refined) {
+  std::vector<TrajectoryKeyframe> direct = refined;
+  for (std::size_t begin = 0, end = 0; begin < direct.size(); begin = end) {
+    end = begin;
+    while (end < direct.size() && direct[end].segment == direct[begin].segment) ++end;
+    const auto map_from_direct = MapFromDirect(std::span(refined).subspan(begin, end - begin));
+    if (!map_from_direct) continue;
+    for (std::size_t i = begin; i < end; ++i) {
+      direct[i].map_from_camera = map_from_direct->TransformPose(direct[i].direct_from_camera);
+      direct[i].map_per_direct = map_from_direct->scale();
+      direct[i].located = true;
+    }
+  }
+  return direct;
+}
+
+}  // namespace cairn::mapping

@@ -1,0 +1,48 @@
+#include "cli/session_report.h"
+
+#include <cstdio>
+#include <numbers>
+
+namespace cairn::cli {
+namespace {
+
+constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
+
+}  // namespace
+
+nlohmann::ordered_json LoopsAsJson(const map::Session& session) {
+  nlohmann::ordered_json loops = nlohmann::ordered_json::array();
+  for (const map::ClosedLoop& loop : session.loops) {
+    loops.push_back({{"keyframe", loop.keyframe.value()},
+                     {"at_s", ToSeconds(loop.keyframe_time_ns - session.first_ns)},
+                     {"loop_keyframe", loop.loop_keyframe.value()},
+                     {"loop_at_s", ToSeconds(loop.loop_time_ns - session.first_ns)},
+                     {"matches", loop.matches},
+                     {"scale", loop.scale},
+                     {"shift", loop.shift},
+                     {"turn_deg", loop.turn_rad * kDegreesPerRadian},
+                     {"way", loop.way}});
+  }
+  return loops;
+}
+
+nlohmann::ordered_json TrajectoryAsJson(const map::Session& session) {
+  if (!session.trajectory) return nullptr;
+  return {{"reported", session.trajectory->refined ? "refined" : "direct"},
+          {"keyframes", session.trajectory->keyframes},
+          {"collinear", session.trajectory->collinear},
+          {"reason", session.trajectory->reason}};
+}
+
+void PrintLoopsAndTrajectory(const map::Session& session, const char* indent) {
+  for (const map::ClosedLoop& loop : session.loops) {
+    std::printf("%sloop closed at %.1f s to %.1f s (keyframe %u to %u): %d matches; ", indent,
+                ToSeconds(loop.keyframe_time_ns - session.first_ns), ToSeconds(loop.loop_time_ns - session.first_ns),
+                loop.keyframe.value(), loop.loop_keyframe.value(), loop.matches);
+    std::printf("moved by %.3f, turned by %.2f deg, scale %.4f\n", loop.shift, loop.turn_rad * kDegreesPerRadian,
+                loop.scale);
+  }
+  if (session.trajectory) std::printf("%sreported trajectory: %s\n", indent, session.trajectory->reason.c_str());
+}
+
+}  // namespace cairn::cli
