@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include "base/cpu_features.h"
 #include "base/random.h"
 #include "direct/coarse_tracker.h"
 #include "direct/image_pyramid.h"
@@ -13,8 +14,6 @@
 
 namespace cairn::direct {
 namespace {
-
-bool HasAvx2() { return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"); }
 
 // A linear image: bilinear samples and central differences are exact, so analytic and numeric derivatives must agree.
 std::vector<float> LinearImage(int width, int height, float c, float dx, float dy) {
@@ -106,21 +105,28 @@ TEST(TrackingKernel, HessianIsSymmetricAndPositive) {
   EXPECT_FLOAT_EQ(sums.h[63], 203.0f);  // d r / d offset is -1
 }
 
-TEST(TrackingKernel, WideEqualsBaseline) {
-  if (!HasAvx2()) GTEST_SKIP() << "this processor has no AVX2";
+TEST(TrackingKernel, EveryLevelEqualsTheBaseline) {
+  // One register of the widest level is left half empty.
   TrackingCase c(true);
   c.Set(kPose, 0.1, 3.0);
+  c.input.count = 200;
   TrackingKernelSums a, b;
   TrackingKernelBaseline(c.input, &a);
-  TrackingKernelAvx2(c.input, &b);
-  EXPECT_EQ(a.visible, b.visible);
-  EXPECT_EQ(a.saturated, b.saturated);
-  EXPECT_NEAR(a.energy, b.energy, 1e-4 * a.energy);
-  for (int i = 0; i < 64; ++i) EXPECT_NEAR(a.h[i], b.h[i], 2e-4 * std::sqrt(a.h[9 * (i / 8)] * a.h[9 * (i % 8)]));
-  for (int i = 0; i < 8; ++i) EXPECT_NEAR(a.b[i], b.b[i], 2e-4 * std::sqrt(a.h[9 * i] * a.energy));
+  for (const SimdLevel level : SupportedSimdLevels()) {
+    TrackingKernelFor(level)(c.input, &b);
+    EXPECT_EQ(a.visible, b.visible) << ToString(level);
+    EXPECT_EQ(a.saturated, b.saturated) << ToString(level);
+    EXPECT_NEAR(a.energy, b.energy, 1e-4 * a.energy) << ToString(level);
+    for (int i = 0; i < 64; ++i) {
+      EXPECT_NEAR(a.h[i], b.h[i], 2e-4 * std::sqrt(a.h[9 * (i / 8)] * a.h[9 * (i % 8)])) << ToString(level) << i;
+    }
+    for (int i = 0; i < 8; ++i) {
+      EXPECT_NEAR(a.b[i], b.b[i], 2e-4 * std::sqrt(a.h[9 * i] * a.energy)) << ToString(level) << i;
+    }
+  }
 }
 
-TEST(ResidualKernel, WideEqualsBaselineAndKnowsTheBorder) {
+TEST(ResidualKernel, EveryLevelEqualsTheBaselineAndKnowsTheBorder) {
   Random random(5);
   const TrackingCase c(true);
   float color[kPatternSize], weight[kPatternSize];
@@ -146,16 +152,20 @@ TEST(ResidualKernel, WideEqualsBaselineAndKnowsTheBorder) {
     const bool out = u < 3.0 || v < 3.0 || u > 156.0 || v > 116.0;
     EXPECT_FALSE(a.inside && out);
     inside += a.inside;
-    if (!HasAvx2()) continue;
-    ResidualKernelAvx2(input, &b);
-    ASSERT_EQ(a.inside, b.inside);
-    if (!a.inside) continue;
-    EXPECT_NEAR(a.energy, b.energy, 1e-3 * a.energy);
-    EXPECT_NEAR(a.gxx, b.gxx, 1e-3 * a.gxx);
-    EXPECT_NEAR(a.gyy, b.gyy, 1e-3 * a.gyy);
-    EXPECT_NEAR(a.gxr, b.gxr, 1e-3 * std::sqrt(a.gxx * a.energy) + 1e-2);
-    EXPECT_NEAR(a.br, b.br, 1e-3 * std::sqrt(a.bb * a.energy) + 1e-2);
-    EXPECT_NEAR(a.aa, b.aa, 1e-3 * a.aa);
+    for (const SimdLevel level : SupportedSimdLevels()) {
+      ResidualKernelFor(level)(input, &b);
+      ASSERT_EQ(a.inside, b.inside);
+      if (!a.inside) continue;
+      EXPECT_NEAR(a.energy, b.energy, 1e-3 * a.energy);
+      EXPECT_NEAR(a.gxx, b.gxx, 1e-3 * a.gxx);
+      EXPECT_NEAR(a.gyy, b.gyy, 1e-3 * a.gyy);
+      EXPECT_NEAR(a.gxy, b.gxy, 1e-3 * std::sqrt(a.gxx * a.gyy));
+      EXPECT_NEAR(a.gya, b.gya, 1e-3 * std::sqrt(a.gyy * a.aa));
+      EXPECT_NEAR(a.gxb, b.gxb, 1e-3 * std::sqrt(a.gxx * a.bb));
+      EXPECT_NEAR(a.gxr, b.gxr, 1e-3 * std::sqrt(a.gxx * a.energy) + 1e-2);
+      EXPECT_NEAR(a.br, b.br, 1e-3 * std::sqrt(a.bb * a.energy) + 1e-2);
+      EXPECT_NEAR(a.aa, b.aa, 1e-3 * a.aa);
+    }
   }
   EXPECT_GT(inside, 100);
 }

@@ -80,7 +80,7 @@ class Odometry::Impl {
 
   // odometry_tracking.cc
   FrameResult TrackFrame(const Frame& frame, std::size_t position, Job* job);
-  std::vector<SE3> Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide) const;
+  const std::vector<SE3>& Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide);
   bool AlignBest(const TrackingReference& reference, const FrameData& data, const std::vector<SE3>& guesses,
                  double expected_rms, TrackingOutcome* best) const;
   bool Plausible(const TrackingReference& reference, const TrackingOutcome& outcome) const;
@@ -115,7 +115,7 @@ class Odometry::Impl {
   // Shared between Track() and MapNext().
   mutable std::mutex mutex_;
   Mode mode_ = Mode::kStarting;
-  std::deque<Job> jobs_;
+  std::vector<Job> jobs_;  // few; a deque would allocate for each
   int untracked_jobs_ = 0;
   bool keyframe_queued_ = false;
   std::vector<FrameResult> results_;
@@ -135,6 +135,7 @@ class Odometry::Impl {
   double last_rms_ = 0.0;
   int lost_frames_ = 0;
   AffineLight last_light_;
+  std::vector<SE3> guesses_;  // keeps its memory
 
   // Mapping only.
   Window window_;

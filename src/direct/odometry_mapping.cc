@@ -26,7 +26,7 @@ bool Odometry::Impl::MapNext() {
     std::lock_guard lock(mutex_);
     if (jobs_.empty()) return false;
     job = std::move(jobs_.front());
-    jobs_.pop_front();
+    jobs_.erase(jobs_.begin());
     starting = mode_ == Mode::kStarting;
   }
   if (job.restart) FlushWindow();
@@ -41,7 +41,7 @@ bool Odometry::Impl::MapNext() {
       std::lock_guard lock(mutex_);
       if (tracked.restart) mode_ = Mode::kStarting, ++untracked_jobs_;
       keyframe_queued_ |= tracked.keyframe;
-      if (tracked.data || tracked.restart) jobs_.push_front(std::move(tracked));
+      if (tracked.data || tracked.restart) jobs_.insert(jobs_.begin(), std::move(tracked));
     }
     std::lock_guard lock(mutex_);
     --untracked_jobs_;

@@ -1,4 +1,6 @@
 // From two-view geometry to the first window of keyframes, and the poses of the frames that waited for it.
+#include <malloc.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -57,6 +59,9 @@ void Odometry::Impl::AddToStart(const Job& job) {
   mode_ = Mode::kTracking;
   // The start needed many pyramids at once, tracking needs few.
   std::erase_if(pool_, [](const std::shared_ptr<FrameData>& data) { return data.use_count() == 1; });
+#ifdef __GLIBC__
+  malloc_trim(0);  // the frames that waited leave holes too small for pyramids: back to the system
+#endif
   start_message_.clear();
   ++statistics_.segments;
 }
@@ -117,12 +122,17 @@ bool Odometry::Impl::BuildFirstWindow(const StartResult& start, std::size_t refe
   std::sort(views.begin(), views.end());
   views.erase(std::unique(views.begin(), views.end()), views.end());
 
+  // Pyramids are large: only those of the keyframes are kept, the others are built again when they are traced in.
   std::vector<std::shared_ptr<FrameData>> data;
   std::vector<AffineLight> light;
+  const auto build = [&](int view) {
+    return NewFrameData(retained_[reference_at + static_cast<std::size_t>(view)].frame);
+  };
   for (int v : views) {
-    data.push_back(NewFrameData(retained_[reference_at + static_cast<std::size_t>(v)].frame));
-    light.push_back(v == 0 ? AffineLight()
-                           : MatchLight(start, *data.front(), *data.back(), start.camera_from_reference[v]));
+    std::shared_ptr<FrameData> view = build(v);
+    light.push_back(v == 0 ? AffineLight() : MatchLight(start, *data.front(), *view, start.camera_from_reference[v]));
+    const bool keep = std::find(chosen.begin(), chosen.end(), v) != chosen.end();
+    data.push_back(keep ? std::move(view) : nullptr);
   }
   std::int64_t next_id;
   {
@@ -147,12 +157,13 @@ bool Odometry::Impl::BuildFirstWindow(const StartResult& start, std::size_t refe
     std::stable_sort(order.begin(), order.end(),
                      [&](std::size_t a, std::size_t b) { return std::abs(views[a] - k) < std::abs(views[b] - k); });
     for (std::size_t v : order) {
+      const std::shared_ptr<const FrameData> view = data[v] ? data[v] : build(views[v]);
       const PairProjection pair = MakePairProjection(
           geometry_.camera[0], start.camera_from_reference[views[v]] * keyframe->camera_from_direct.Inverse(),
-          ExposureRatio(data[v]->frame.exposure_gain, keyframe->data->frame.exposure_gain) *
+          ExposureRatio(view->frame.exposure_gain, keyframe->data->frame.exposure_gain) *
               std::exp(light[v].a - keyframe->light.a),
           light[v].b, keyframe->light.b);
-      for (ImmaturePoint& point : keyframe->immature) TracePoint(data[v]->pyramid, pair, trace_options_, &point);
+      for (ImmaturePoint& point : keyframe->immature) TracePoint(view->pyramid, pair, trace_options_, &point);
     }
     window_.AddKeyframe(std::move(keyframe));
   }

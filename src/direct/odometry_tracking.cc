@@ -1,5 +1,6 @@
 // The pose of every frame: motion hypotheses, plausibility, loss, and the decision to make a keyframe.
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "absl/strings/str_format.h"
@@ -56,7 +57,7 @@ absl::StatusOr<FrameResult> Odometry::Impl::Track(const Frame& frame) {
 
 // Constant velocity (scaled by the time between the frames), its half and double, no motion, none since the keyframe,
 // then small rotations about all of their combinations.
-std::vector<SE3> Odometry::Impl::Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide) const {
+const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide) {
   std::lock_guard lock(mutex_);
   const SE3 reference_from_direct =
       keyframes_[static_cast<std::size_t>(reference.keyframe)].direct_from_camera.Inverse();
@@ -73,7 +74,8 @@ std::vector<SE3> Odometry::Impl::Hypotheses(const TrackingReference& reference, 
     }
     (last == nullptr ? last : before) = &*it;
   }
-  std::vector<SE3> guesses;
+  std::vector<SE3>& guesses = guesses_;
+  guesses.clear();
   if (last != nullptr) {
     const SE3 last_from_reference = (reference_from_direct * DirectFromCamera(*last)).Inverse();
     SE3 motion;
@@ -141,22 +143,24 @@ bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameDa
 FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position, Job* job) {
   const Timer timer(this, &statistics_.track);
   std::shared_ptr<FrameData> data = NewFrameData(frame);
-  std::vector<std::shared_ptr<const TrackingReference>> references;
+  std::array<std::shared_ptr<const TrackingReference>, kMaxReferences> references;  // newest first
+  std::size_t reference_count;
   {
     std::lock_guard lock(mutex_);
-    references = references_;
+    reference_count = references_.size();
+    std::copy(references_.rbegin(), references_.rend(), references.begin());
   }
   FrameResult result;
   result.index = frame.index;
   result.time_ns = frame.time_ns;
   TrackingOutcome outcome;
-  std::shared_ptr<const TrackingReference> reference = references.back();
+  std::shared_ptr<const TrackingReference> reference = references.front();
   const bool was_lost = lost_frames_ > 0;
   bool found = AlignBest(*reference, *data, Hypotheses(*reference, frame.time_ns, was_lost), was_lost ? 0.0 : last_rms_,
                          &outcome);
-  for (auto it = references.rbegin() + 1; !found && it != references.rend(); ++it) {
-    found = AlignBest(**it, *data, Hypotheses(**it, frame.time_ns, true), 0.0, &outcome);
-    if (found) reference = *it;
+  for (std::size_t i = 1; !found && i < reference_count; ++i) {
+    found = AlignBest(*references[i], *data, Hypotheses(*references[i], frame.time_ns, true), 0.0, &outcome);
+    if (found) reference = references[i];
   }
   if (!found) {
     result.state = TrackingState::kLost;

@@ -38,14 +38,16 @@ struct ResidualKernelInput {
   float huber = 9.0f;
 };
 
+// Sums over the pattern, each times the weight. The kernels write them in this order, as one array.
 struct ResidualSums {
-  bool inside = false;
-  float energy = 0.0f;                       // sum of w_g * Huber
-  float gxx = 0.0f, gxy = 0.0f, gyy = 0.0f;  // image gradient products, weighted
+  float gxx = 0.0f, gxy = 0.0f, gyy = 0.0f;  // image gradient products
   float gxa = 0.0f, gya = 0.0f;              // gradient times d/d(log gain)
   float gxb = 0.0f, gyb = 0.0f;              // gradient times d/d(offset)
   float aa = 0.0f, ab = 0.0f, bb = 0.0f;
   float gxr = 0.0f, gyr = 0.0f, ar = 0.0f, br = 0.0f;  // each times the residual
+  float energy = 0.0f;                                 // sum of w_g * Huber
+  float padding = 0.0f;
+  bool inside = false;  // false: the sums mean nothing
 };
 
 void ResidualKernelBaseline(const ResidualKernelInput& input, ResidualSums* sums);

@@ -1,4 +1,6 @@
 // Body of the residual kernel, compiled once per instruction set. See residual_kernel.h.
+#include <cstddef>
+
 #include "direct/lanes.h"
 #include "direct/residual_kernel.h"
 
@@ -28,18 +30,16 @@ inline void ResidualKernelBody(const ResidualKernelInput& in, ResidualSums* sums
   const V8 zero = {};
   const V8 huber = magnitude < in.huber ? zero + 1.0f : in.huber / magnitude;
   const V8 w = gradient_weight * huber;
-  const V8 wx = w * gx, wy = w * gy;
-  const V8 ja = -pair.linear_gain * (color - pair.linear_host_offset);
+  const V8 wx = w * gx, wy = w * gy, minus_w = -w;
+  const V8 ja = -pair.linear_gain * (color - pair.linear_host_offset);  // d/d(log gain); d/d(offset) is -1
   const V8 wa = w * ja, wr = w * r;
   float f[16];
   SumOfFour(wx * gx, wx * gy, wy * gy, wx * ja, f);
-  SumOfFour(wy * ja, wx, wy, wa * ja, f + 4);
-  SumOfFour(wa, w, wx * r, wy * r, f + 8);
-  SumOfFour(wa * r, wr, wr * r * (2.0f - huber), zero, f + 12);
-  sums->gxx = f[0], sums->gxy = f[1], sums->gyy = f[2], sums->gxa = f[3];
-  sums->gya = f[4], sums->gxb = -f[5], sums->gyb = -f[6], sums->aa = f[7];
-  sums->ab = -f[8], sums->bb = f[9], sums->gxr = f[10], sums->gyr = f[11];
-  sums->ar = f[12], sums->br = -f[13], sums->energy = f[14];
+  SumOfFour(wy * ja, minus_w * gx, minus_w * gy, wa * ja, f + 4);
+  SumOfFour(minus_w * ja, w, wx * r, wy * r, f + 8);
+  SumOfFour(wa * r, minus_w * r, wr * r * (2.0f - huber), zero, f + 12);
+  static_assert(offsetof(ResidualSums, padding) == 15 * sizeof(float));
+  std::memcpy(&sums->gxx, f, sizeof(f));
 }
 
 }  // namespace

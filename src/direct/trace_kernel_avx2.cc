@@ -1,6 +1,7 @@
 // The eight pixels of the pattern in the eight lanes of a register.
 #include <immintrin.h>
 
+#include "direct/lanes.h"
 #include "direct/trace_kernel.h"
 
 namespace cairn::direct {
@@ -60,9 +61,9 @@ void Energies(const TraceLine& line, float first, float step, int count, float* 
 void internal::TraceDerivativeAvx2(const TraceLine& line, float x, float y, TraceSums* sums) {
   const __m256 px = _mm256_add_ps(_mm256_set1_ps(x), _mm256_loadu_ps(line.pattern->dx));
   const __m256 py = _mm256_add_ps(_mm256_set1_ps(y), _mm256_loadu_ps(line.pattern->dy));
-  const Places at = PlacesAt(px, py, line.width);
-  const __m256 r = _mm256_sub_ps(Sample(line.image, line.width, at), _mm256_loadu_ps(line.pattern->expected));
-  const __m256 gx = Sample(line.image + 1, line.width, at), gy = Sample(line.image + 2, line.width, at);
+  V8 value, gx, gy;
+  SampleEight(line.image, line.width, px, py, &value, &gx, &gy);
+  const __m256 r = _mm256_sub_ps(value, _mm256_loadu_ps(line.pattern->expected));
   const __m256 j = _mm256_fmadd_ps(_mm256_set1_ps(line.dx), gx, _mm256_mul_ps(_mm256_set1_ps(line.dy), gy));
   const __m256 magnitude = Magnitude(r), huber = _mm256_set1_ps(line.huber);
   const __m256 w = _mm256_div_ps(huber, _mm256_max_ps(magnitude, huber));

@@ -10,7 +10,15 @@ void TrackingKernelBaseline(const TrackingKernelInput& input, TrackingKernelSums
 }
 
 TrackingKernel TrackingKernelFor(SimdLevel level) {
-  return level == SimdLevel::kBaseline ? TrackingKernelBaseline : TrackingKernelAvx2;
+  switch (level) {
+    case SimdLevel::kAvx512:
+      return TrackingKernelAvx512;
+    case SimdLevel::kAvx2:
+      return TrackingKernelAvx2;
+    case SimdLevel::kBaseline:
+      break;
+  }
+  return TrackingKernelBaseline;
 }
 
 }  // namespace cairn::direct

@@ -43,6 +43,7 @@ struct TrackingKernelSums {
 
 void TrackingKernelBaseline(const TrackingKernelInput& input, TrackingKernelSums* sums);
 void TrackingKernelAvx2(const TrackingKernelInput& input, TrackingKernelSums* sums);
+void TrackingKernelAvx512(const TrackingKernelInput& input, TrackingKernelSums* sums);
 
 using TrackingKernel = void (*)(const TrackingKernelInput&, TrackingKernelSums*);
 TrackingKernel TrackingKernelFor(SimdLevel level);

@@ -1,5 +1,7 @@
 #include "image/hamming.h"
 
+#include "base/cpu_features.h"
+
 namespace cairn::image {
 
 namespace internal {
@@ -18,9 +20,8 @@ void HammingDistancesPortable(const std::uint64_t* query, const std::uint64_t* d
 void HammingDistances(const Descriptor& query, const Descriptor* descriptors, std::size_t count,
                       std::uint16_t* distances) {
   static_assert(sizeof(Descriptor) == 4 * sizeof(std::uint64_t));
-  static const auto kernel = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt")
-                                 ? &internal::HammingDistancesAvx2
-                                 : &internal::HammingDistancesPortable;
+  static const auto kernel =
+      ActiveSimdLevel() == SimdLevel::kBaseline ? &internal::HammingDistancesPortable : &internal::HammingDistancesAvx2;
   if (count == 0) return;
   kernel(query.data(), descriptors->data(), count, distances);
 }

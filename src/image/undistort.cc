@@ -5,6 +5,9 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "base/cpu_features.h"
+#include "image/undistort_kernel.h"
+
 namespace cairn::image {
 namespace {
 
@@ -86,6 +89,15 @@ absl::StatusOr<Pinhole> ChooseView(const Camera& camera, double max_half_angle_d
                                                     camera.Describe(), "); check its calibration"));
 }
 
+template <class T, class Kernel>
+void Resample(const cv::Mat& raw, const cv::Mat& map_xy, const cv::Mat& map_fraction, Kernel kernel, cv::Mat* out) {
+  out->create(map_xy.size(), raw.type());
+  const RawImage<T> image = {raw.ptr<T>(), static_cast<std::ptrdiff_t>(raw.step1()), raw.cols, raw.rows};
+  for (int y = 0; y < out->rows; ++y) {
+    kernel(image, map_xy.ptr<std::int16_t>(y), map_fraction.ptr<std::uint16_t>(y), out->cols, out->ptr<T>(y));
+  }
+}
+
 }  // namespace
 
 absl::Status UndistortOptions::Validate() const {
@@ -132,6 +144,15 @@ absl::StatusOr<cv::Mat> Undistorter::Undistort(const cv::Mat& raw) const {
   }
   if (identity()) return raw;
   cv::Mat out;
+  const UndistortKernels& kernels = UndistortKernelsFor(ActiveSimdLevel());
+  if (raw.type() == CV_8UC1) {
+    Resample<std::uint8_t>(raw, map_xy_, map_fraction_, kernels.bytes, &out);
+    return out;
+  }
+  if (raw.type() == CV_32FC1) {
+    Resample<float>(raw, map_xy_, map_fraction_, kernels.floats, &out);
+    return out;
+  }
   try {
     cv::remap(raw, out, map_xy_, map_fraction_, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar());
   } catch (const cv::Exception& error) {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "base/cpu_features.h"
 #include "base/version.h"
 #include "cli/cli.h"
 
@@ -35,6 +36,11 @@ int main(int argc, char** argv) {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_ERROR);
   spdlog::set_default_logger(spdlog::stderr_color_mt("cairn"));
   spdlog::set_pattern("%^%l%$: %v");
+
+  if (const auto level = cairn::RequestedSimdLevel(); !level.ok()) {
+    spdlog::error("{}", std::string(level.status().message()));
+    return kUsage;
+  }
 
   CLI::App app("Cairn turns camera streams into persistent maps and answers \"where is this camera?\" against them.",
                "cairn");
