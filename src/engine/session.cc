@@ -118,9 +118,11 @@ class Session::Impl {
     return absl::OkStatus();
   }
 
+  // A keyframe, and the frames kept between it and the next.
   absl::Status MapPacket(const direct::KeyframePacket& packet) {
     CAIRN_ASSIGN_OR_RETURN(const mapping::KeyframeReport report, mapper_->Process(packet));
     keyframe_ms_.push_back(static_cast<float>(report.times.total_ms));
+    keyframe_reports_.push_back(report);
     const bool lost = report.state == mapping::FeatureState::kLost;
     if (lost && !feature_lost_) ++feature_losses_;
     feature_lost_ = lost;
@@ -174,6 +176,7 @@ class Session::Impl {
     }
     report.frame_ms = runner_->frame_ms();
     report.keyframe_ms = keyframe_ms_;
+    report.keyframe_reports = keyframe_reports_;
     return report;
   }
 
@@ -191,6 +194,7 @@ class Session::Impl {
   mapping::CollinearityCounter collinearity_;
   map::ReportedTrajectory trajectory_;  // at the end
   std::vector<float> keyframe_ms_;
+  std::vector<mapping::KeyframeReport> keyframe_reports_;
   std::int64_t feature_losses_ = 0;
   bool feature_lost_ = false;
 

@@ -134,7 +134,7 @@ PointId Edit::AddPoint(const Vector3d& position) {
   point->id = id;
   point->position = position;
   points_[id] = std::move(point);
-  stale_points_.insert(id);
+  MarkStale(id, Stale::kAll);
   return id;
 }
 
@@ -150,7 +150,7 @@ bool Edit::AddObservation(PointId point_id, KeyframeId keyframe_id, std::uint32_
                       Observation{keyframe_id, feature});
   MutableKeyframe(keyframe_id).points[feature] = point_id;
   stale_covisibility_.insert(keyframe_id);
-  stale_points_.insert(point_id);
+  MarkStale(point_id, Stale::kAll);
   return true;
 }
 
@@ -167,7 +167,7 @@ void Edit::RemoveObservation(PointId point_id, KeyframeId keyframe_id, int min_o
   observations.erase(std::lower_bound(observations.begin(), observations.end(), observation));
   MutableKeyframe(keyframe_id).points[observation.feature] = PointId();
   stale_covisibility_.insert(keyframe_id);
-  stale_points_.insert(point_id);
+  MarkStale(point_id, Stale::kAll);
 }
 
 void Edit::ErasePoint(PointId id) {
@@ -210,13 +210,13 @@ void Edit::SetPose(KeyframeId id, const SE3& camera_from_map) {
   MutableKeyframe(id).camera_from_map = camera_from_map;
   // Viewing directions follow the pose.
   for (const PointId point_id : keyframe(id).points) {
-    if (point_id) stale_points_.insert(point_id);
+    if (point_id) MarkStale(point_id, Stale::kViewing);
   }
 }
 
 void Edit::SetPosition(PointId id, const Vector3d& position) {
   MutablePoint(id).position = position;
-  stale_points_.insert(id);
+  MarkStale(id, Stale::kViewing);
 }
 
 void Edit::AddVisibility(PointId id, int visible, int found) {
@@ -289,22 +289,40 @@ void Edit::AdoptChildren(const Keyframe& orphaned) {
   for (const KeyframeId child : orphans) SetParent(child, orphaned.parent);
 }
 
+void Edit::MarkStale(PointId id, Stale stale) {
+  Stale& known = stale_points_.try_emplace(id, stale).first->second;
+  if (stale == Stale::kAll) known = stale;
+}
+
 void Edit::UpdatePoint(PointId id) {
   stale_points_.erase(id);
+  Centers centers;
+  Refresh(id, Stale::kAll, &centers);
+}
+
+// `centers`: of the cameras, filled as they are needed; poses must not change while it is in use.
+void Edit::Refresh(PointId id, Stale stale, Centers* centers) {
   if (point(id).observations.empty()) return;
   MapPoint& changed = MutablePoint(id);
-  std::vector<image::Descriptor> descriptors;
-  std::vector<Vector3d> centers;
-  for (const Observation& observation : changed.observations) {
-    const Keyframe& seen_by = keyframe(observation.keyframe);
-    descriptors.push_back(seen_by.descriptors()[observation.feature]);
-    centers.push_back(seen_by.CenterInMap());
+  if (stale == Stale::kAll) {
+    std::vector<image::Descriptor> descriptors;
+    for (const Observation& observation : changed.observations) {
+      descriptors.push_back(keyframe(observation.keyframe).descriptors()[observation.feature]);
+    }
+    const std::size_t typical = MostTypical(descriptors);
+    changed.reference = changed.observations[typical];
+    changed.descriptor = descriptors[typical];
   }
-  const std::size_t typical = MostTypical(descriptors);
-  changed.reference = changed.observations[typical];
-  changed.descriptor = descriptors[typical];
+  const auto center = [&](KeyframeId seen_by) -> const Vector3d& {
+    const auto [at, added] = centers->try_emplace(seen_by);
+    if (added) at->second = keyframe(seen_by).CenterInMap();
+    return at->second;
+  };
+  std::vector<Vector3d> seen_from;
+  for (const Observation& observation : changed.observations) seen_from.push_back(center(observation.keyframe));
   const int octave = keyframe(changed.reference.keyframe).keypoints()[changed.reference.feature].octave;
-  SetViewing(ComputeViewing(changed.position, centers, centers[typical], octave, info().orb), &changed);
+  SetViewing(ComputeViewing(changed.position, seen_from, center(changed.reference.keyframe), octave, info().orb),
+             &changed);
 }
 
 std::vector<KeyframeId> Edit::ChangedKeyframes() const {
@@ -321,10 +339,11 @@ Delta Edit::Finish(std::string reason) {
     return entry.second && entry.second->observations.empty() && !base_->points().Contains(entry.first);
   });
   while (!stale_covisibility_.empty()) UpdateCovisibility(*stale_covisibility_.begin());
-  const std::set<PointId> stale = stale_points_;
-  for (const PointId id : stale) {
-    if (FindPoint(id) != nullptr) UpdatePoint(id);
+  Centers centers;
+  for (const auto& [id, stale] : stale_points_) {
+    if (FindPoint(id) != nullptr) Refresh(id, stale, &centers);
   }
+  stale_points_.clear();
   // A new keyframe hangs below the keyframe it shares most with; a keyframe of the same edit only if it came earlier,
   // so that there is no cycle.
   for (const KeyframeId id : ChangedKeyframes()) {

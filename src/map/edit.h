@@ -68,8 +68,14 @@ class Edit {
   Delta Finish(std::string reason);
 
  private:
+  // Which of a point's derived fields are out of date.
+  enum class Stale : std::uint8_t { kViewing, kAll };  // only distances and direction, or the reference as well
+  using Centers = std::unordered_map<KeyframeId, Vector3d>;
+
   Keyframe& MutableKeyframe(KeyframeId id);
   MapPoint& MutablePoint(PointId id);
+  void MarkStale(PointId id, Stale stale);
+  void Refresh(PointId id, Stale stale, Centers* centers);
   void SetEdge(KeyframeId from, KeyframeId to, int shared_points);
   void SetParent(KeyframeId child, KeyframeId parent);
   void AdoptChildren(const Keyframe& orphaned);
@@ -82,7 +88,7 @@ class Edit {
   std::unordered_map<KeyframeId, std::shared_ptr<Keyframe>> keyframes_;
   std::unordered_map<PointId, std::shared_ptr<MapPoint>> points_;
   std::set<KeyframeId> stale_covisibility_;
-  std::set<PointId> stale_points_;
+  std::unordered_map<PointId, Stale> stale_points_;
   std::unordered_map<KeyframeId, KeyframeId> link_if_alone_;
   KeyframeId next_keyframe_;
   PointId next_point_;

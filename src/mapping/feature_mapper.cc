@@ -46,7 +46,8 @@ absl::Status FeatureMapper::Impl::Extract(Current* current) {
 
 absl::StatusOr<KeyframeReport> FeatureMapper::Impl::Process(const direct::KeyframePacket& packet) {
   CAIRN_RETURN_IF_ERROR(Check(packet));
-  Stopwatch total, watch;
+  Stopwatch total;
+  CpuStopwatch cpu, watch;
   Current current{packet, nullptr, {}, {}, 0, {}, {}};
   CAIRN_RETURN_IF_ERROR(Extract(&current));
   KeyframeReport& report = current.report;
@@ -59,6 +60,7 @@ absl::StatusOr<KeyframeReport> FeatureMapper::Impl::Process(const direct::Keyfra
 
   CAIRN_RETURN_IF_ERROR(Continue(&current));
   report.state = state_;
+  report.times.cpu_ms = cpu.LapMs();
   report.times.total_ms = total.LapMs();
   return report;
 }

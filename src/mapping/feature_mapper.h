@@ -22,7 +22,7 @@
 
 namespace cairn::mapping {
 
-// Where the time of one packet went, in milliseconds; 0 for what did not run.
+// Where the time of one packet went, in milliseconds of the thread's processor time; 0 for what did not run.
 struct StageTimes {
   double extract_ms = 0.0;
   double track_ms = 0.0;       // local map, matching, motion-only bundle adjustment
@@ -32,7 +32,8 @@ struct StageTimes {
   double adjust_ms = 0.0;  // local bundle adjustment
   double cull_ms = 0.0;
   double commit_ms = 0.0;
-  double total_ms = 0.0;
+  double cpu_ms = 0.0;    // all of it
+  double total_ms = 0.0;  // by the clock
 };
 
 // What became of one packet.

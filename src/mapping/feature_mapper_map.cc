@@ -62,7 +62,7 @@ void FeatureMapper::Impl::Record(const Current& current, bool refined, double ma
 
 absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, double map_per_direct, bool points_from_depths,
                                          KeyframeId parent, Current* current) {
-  Stopwatch watch;
+  CpuStopwatch watch;
   if (vocabulary_ != nullptr) {
     for (const image::Descriptor& descriptor : current->features->features.descriptors) {
       current->features->words.push_back(vocabulary_->Lookup(descriptor));

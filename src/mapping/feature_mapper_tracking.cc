@@ -54,7 +54,7 @@ std::vector<PointId> FeatureMapper::Impl::SeenLately() const {
 }
 
 bool FeatureMapper::Impl::Track(const PoseSeed& seed, Current* current) {
-  Stopwatch watch;
+  CpuStopwatch watch;
   const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
   const std::vector<PointId> seen = SeenLately();
   current->tracked = TrackKeyframe(*map_, view, seed, seen, last_.reference, median_depth_, 1.0, options_);
@@ -70,7 +70,7 @@ bool FeatureMapper::Impl::Track(const PoseSeed& seed, Current* current) {
 // Anywhere in the map; what it finds is refined like any other keyframe, from the pose found.
 absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
   if (!places_) return false;
-  Stopwatch watch;
+  CpuStopwatch watch;
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
                          relocalizer_.Relocalize(*map_, *places_, pinhole_, current->features->features));
   bool tracked = false;

@@ -90,6 +90,38 @@ Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const Local
   return built;
 }
 
+// What moves by less is left as it is: it would have to be stored anew for nothing.
+constexpr double kMinMoveRad = 2e-5;  // seen from a camera: a hundredth of a pixel at a usual focal length
+
+bool Moves(const SE3& from, const SE3& to, double depth) {
+  const SE3 step = to * from.Inverse();
+  return AngleRad(step.rotation()) > kMinMoveRad || step.translation().norm() > kMinMoveRad * depth;
+}
+
+// Poses and points of the result, where they differ.
+void Store(const Built& built, const optimization::BundleResult& result, map::Edit& edit) {
+  std::vector<int> inliers(built.points.size(), 0);
+  std::vector<double> depth(built.points.size(), 0.0);          // in the nearest camera
+  std::vector<double> pose_depth(built.keyframes.size(), 0.0);  // of the nearest point
+  for (std::size_t i = 0; i < result.inlier.size(); ++i) {
+    if (!result.inlier[i]) continue;
+    const optimization::BundleObservation& o = built.problem.observations[i];
+    const double z = (result.camera_from_map[o.pose] * result.points[o.point]).z();
+    ++inliers[o.point];
+    depth[o.point] = depth[o.point] > 0.0 ? std::min(depth[o.point], z) : z;
+    pose_depth[o.pose] = pose_depth[o.pose] > 0.0 ? std::min(pose_depth[o.pose], z) : z;
+  }
+  for (std::size_t i = 0; i < built.keyframes.size(); ++i) {
+    const optimization::BundlePose& before = built.problem.poses[i];
+    if (before.fixed || !Moves(before.camera_from_map, result.camera_from_map[i], pose_depth[i])) continue;
+    edit.SetPose(built.keyframes[i], result.camera_from_map[i]);
+  }
+  for (std::size_t p = 0; p < built.points.size(); ++p) {
+    if (inliers[p] < 2 || (result.points[p] - built.problem.points[p]).norm() < kMinMoveRad * depth[p]) continue;
+    edit.SetPosition(built.points[p], result.points[p]);
+  }
+}
+
 }  // namespace
 
 std::vector<KeyframeId> KeyframesToAdjust(const map::Edit& edit, KeyframeId keyframe, int max_count) {
@@ -121,15 +153,7 @@ absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span
   report.adjusted = true;
   report.iterations = result.iterations;
   report.rmse = result.inlier_rmse;
-  for (std::size_t i = 0; i < built.keyframes.size(); ++i) {
-    if (!built.problem.poses[i].fixed) edit.SetPose(built.keyframes[i], result.camera_from_map[i]);
-  }
-  std::vector<int> inliers(built.points.size(), 0);
-  for (std::size_t i = 0; i < result.inlier.size(); ++i)
-    inliers[built.problem.observations[i].point] += result.inlier[i];
-  for (std::size_t p = 0; p < built.points.size(); ++p) {
-    if (inliers[p] >= 2) edit.SetPosition(built.points[p], result.points[p]);
-  }
+  Store(built, result, edit);
   for (std::size_t i = 0; i < result.inlier.size(); ++i) {
     if (result.inlier[i]) continue;
     const optimization::BundleObservation& observation = built.problem.observations[i];

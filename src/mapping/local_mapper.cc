@@ -30,7 +30,7 @@ void LocalMapper::FlushVisibility(map::Edit& edit) {
 
 absl::StatusOr<InsertionReport> LocalMapper::Insert(map::Edit& edit, InsertionRequest request) {
   InsertionReport report;
-  Stopwatch watch;
+  CpuStopwatch watch;
   FlushVisibility(edit);
   report.keyframe = edit.AddKeyframe(std::move(request.keyframe));
   ++inserted_;

@@ -87,6 +87,7 @@ class PacketMaker {
 
   double depth_noise = 0.01;       // relative
   double position_noise = 0.0005;  // per packet, direct units
+  TimeNs period_ns = 200000000;
 
   // `scale`: metres per direct unit now.
   direct::KeyframePacket Make(const SE3& room_from_camera, double scale, std::int64_t segment = 0) {
@@ -94,9 +95,9 @@ class PacketMaker {
     packet.keyframe = count_;
     packet.segment = segment;
     packet.frame.index = 5 * count_;
-    packet.frame.time_ns = count_ * 200000000;
+    packet.frame.time_ns = count_ * period_ns;
     packet.frame.image = room_.Render(room_from_camera);
-    packet.keyframe_rate_hz = 5.0;
+    packet.keyframe_rate_hz = 1e9 / static_cast<double>(period_ns);
     if (count_ > 0) {
       const SE3 motion = last_.Inverse() * room_from_camera;
       const Vector3d noise = position_noise * Vector3d(random_.Normal(), random_.Normal(), random_.Normal());

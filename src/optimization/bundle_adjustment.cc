@@ -12,6 +12,7 @@
 #include <memory>
 
 #include "optimization/ceres_costs.h"
+#include "optimization/schur_solver.h"
 
 namespace cairn::optimization {
 namespace {
@@ -71,8 +72,7 @@ class Adjuster {
  public:
   Adjuster(const BundleProblem& problem, const BundleAdjustmentOptions& options)
       : problem_(problem), options_(options), points_(problem.points), inlier_(problem.observations.size(), 1) {
-    poses_.resize(problem.poses.size());
-    for (std::size_t i = 0; i < poses_.size(); ++i) PoseToBlock(problem.poses[i].camera_from_map, poses_[i].data());
+    for (const BundlePose& pose : problem.poses) poses_.push_back(pose.camera_from_map);
   }
 
   absl::StatusOr<BundleResult> Run() {
@@ -96,7 +96,7 @@ class Adjuster {
     }
     result.final_cost = 0.5 * chi2;
     if (result.num_inliers > 0) result.inlier_rmse = std::sqrt(chi2 / result.num_inliers);
-    for (const auto& pose : poses_) result.camera_from_map.push_back(PoseFromBlock(pose.data()));
+    result.camera_from_map = std::move(poses_);
     result.points = std::move(points_);
     result.inlier = std::move(inlier_);
     return result;
@@ -108,7 +108,7 @@ class Adjuster {
   // Of the whitened residual; infinite behind the camera.
   double ChiSquare(std::size_t index) const {
     const BundleObservation& o = problem_.observations[index];
-    const Vector3d point_c = PoseFromBlock(poses_[o.pose].data()) * points_[o.point];
+    const Vector3d point_c = poses_[o.pose] * points_[o.point];
     if (!InFront(point_c)) return std::numeric_limits<double>::infinity();
     const Pinhole& pinhole = problem_.cameras[problem_.poses[o.pose].camera];
     return ReprojectionResidual(pinhole, point_c, o.pixel).squaredNorm() / (o.sigma_px * o.sigma_px);
@@ -128,6 +128,23 @@ class Adjuster {
   }
 
   absl::Status Round(bool robust, int iterations, BundleResult* result) {
+    const auto free_poses =
+        std::count_if(problem_.poses.begin(), problem_.poses.end(), [](const BundlePose& pose) { return !pose.fixed; });
+    if (free_poses > options_.max_dense_poses) return SparseRound(robust, iterations, result);
+    internal::SchurOptions options;
+    options.max_iterations = iterations;
+    options.huber_threshold = robust ? options_.huber_threshold : 0.0;
+    options.function_tolerance = options_.function_tolerance;
+    options.stop = options_.stop;
+    const internal::SchurSummary summary = internal::MinimizeBundle(problem_, inlier_, options, &poses_, &points_);
+    if (!summary.usable) return absl::InternalError("bundle adjustment: the equations have no solution");
+    if (robust) result->initial_cost = summary.initial_cost;
+    result->iterations += summary.steps;
+    return absl::OkStatus();
+  }
+
+  // With many poses the reduced equations are sparse: a matter for Ceres and SuiteSparse.
+  absl::Status SparseRound(bool robust, int iterations, BundleResult* result) {
     ceres::Problem::Options ownership;
     ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
@@ -138,47 +155,26 @@ class Adjuster {
     ceres::HuberLoss huber(options_.huber_threshold);
     std::deque<internal::ReprojectionCost> costs;
     std::deque<internal::PosePriorCost> priors;
-
-    std::vector<std::uint8_t> pose_used(poses_.size(), 0), point_used(points_.size(), 0);
-    for (std::size_t i = 0; i < inlier_.size(); ++i) {
-      const BundleObservation& o = problem_.observations[i];
-      if (!inlier_[i]) continue;
-      pose_used[o.pose] = point_used[o.point] = 1;
-    }
-    for (const BundlePrior& prior : problem_.priors) pose_used[prior.pose] = 1;
+    std::vector<std::array<double, 7>> blocks(poses_.size());
+    for (std::size_t i = 0; i < poses_.size(); ++i) PoseToBlock(poses_[i], blocks[i].data());
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-    int free_poses = 0;
-    for (std::size_t i = 0; i < points_.size(); ++i) {
-      if (!point_used[i]) continue;
-      problem.AddParameterBlock(points_[i].data(), 3);
-      ordering->AddElementToGroup(points_[i].data(), 0);
-    }
-    for (std::size_t i = 0; i < poses_.size(); ++i) {
-      if (!pose_used[i]) continue;
-      problem.AddParameterBlock(poses_[i].data(), 7, &manifold);
-      ordering->AddElementToGroup(poses_[i].data(), 1);
-      if (problem_.poses[i].fixed) {
-        problem.SetParameterBlockConstant(poses_[i].data());
-      } else {
-        ++free_poses;
-      }
-    }
+    AddBlocks(&blocks, &manifold, &problem, ordering.get());
     for (std::size_t i = 0; i < inlier_.size(); ++i) {
       const BundleObservation& o = problem_.observations[i];
       if (!inlier_[i]) continue;
       const Pinhole& pinhole = problem_.cameras[problem_.poses[o.pose].camera];
       costs.emplace_back(pinhole, o.pixel, o.sigma_px);
-      problem.AddResidualBlock(&costs.back(), robust ? &huber : nullptr, poses_[o.pose].data(),
+      problem.AddResidualBlock(&costs.back(), robust ? &huber : nullptr, blocks[o.pose].data(),
                                points_[o.point].data());
     }
     for (const BundlePrior& prior : problem_.priors) {
       priors.emplace_back(prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad);
-      problem.AddResidualBlock(&priors.back(), nullptr, poses_[prior.pose].data());
+      problem.AddResidualBlock(&priors.back(), nullptr, blocks[prior.pose].data());
     }
     if (problem.NumResidualBlocks() == 0) return absl::OkStatus();
 
     ceres::Solver::Options solver;
-    solver.linear_solver_type = free_poses <= options_.max_dense_poses ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+    solver.linear_solver_type = ceres::SPARSE_SCHUR;
     solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
     solver.linear_solver_ordering = ordering;
     solver.max_num_iterations = iterations;
@@ -192,15 +188,39 @@ class Adjuster {
     if (!summary.IsSolutionUsable()) {
       return absl::InternalError("bundle adjustment: the solver failed: " + summary.message);
     }
+    for (std::size_t i = 0; i < poses_.size(); ++i) poses_[i] = PoseFromBlock(blocks[i].data());
     if (robust) result->initial_cost = summary.initial_cost;
     // Iteration 0 is the evaluation of the start.
     result->iterations += std::max(0, summary.num_successful_steps - 1);
     return absl::OkStatus();
   }
 
+  // Points are eliminated first.
+  void AddBlocks(std::vector<std::array<double, 7>>* blocks, ceres::Manifold* manifold, ceres::Problem* problem,
+                 ceres::ParameterBlockOrdering* ordering) {
+    std::vector<std::uint8_t> pose_used(poses_.size(), 0), point_used(points_.size(), 0);
+    for (std::size_t i = 0; i < inlier_.size(); ++i) {
+      const BundleObservation& o = problem_.observations[i];
+      if (inlier_[i]) pose_used[o.pose] = point_used[o.point] = 1;
+    }
+    for (const BundlePrior& prior : problem_.priors) pose_used[prior.pose] = 1;
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (!point_used[i]) continue;
+      problem->AddParameterBlock(points_[i].data(), 3);
+      ordering->AddElementToGroup(points_[i].data(), 0);
+    }
+    for (std::size_t i = 0; i < blocks->size(); ++i) {
+      if (!pose_used[i]) continue;
+      double* block = (*blocks)[i].data();
+      problem->AddParameterBlock(block, 7, manifold);
+      ordering->AddElementToGroup(block, 1);
+      if (problem_.poses[i].fixed) problem->SetParameterBlockConstant(block);
+    }
+  }
+
   const BundleProblem& problem_;
   const BundleAdjustmentOptions& options_;
-  std::vector<std::array<double, 7>> poses_;
+  std::vector<SE3> poses_;
   std::vector<Vector3d> points_;
   std::vector<std::uint8_t> inlier_;
 };

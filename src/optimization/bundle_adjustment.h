@@ -2,9 +2,10 @@
 // Sec. V-C of Lee and Civera, "Loosely-Coupled Semi-Direct Monocular SLAM"; Triggs et al., "Bundle adjustment - a
 // modern synthesis", 2000). Knows nothing of maps: flat arrays in, flat arrays out.
 //
-// Levenberg-Marquardt with Schur complement in Ceres on one thread, derivatives by hand (optimization/reprojection.h),
-// left increments of camera_from_map, in two rounds: with Huber's loss first; then observations beyond the chi-square
-// threshold, or behind their camera, are dropped and the rest is adjusted without it.
+// Levenberg-Marquardt with Schur complement on one thread: with few free poses in optimization/schur_solver.h, with
+// many in Ceres with SuiteSparse. Derivatives by hand (optimization/reprojection.h), left increments of
+// camera_from_map. Two rounds: with Huber's loss first; then observations beyond the chi-square threshold, or behind
+// their camera, are dropped and the rest is adjusted without it.
 #pragma once
 
 #include <atomic>
@@ -52,7 +53,7 @@ struct BundleAdjustmentOptions {
   int second_iterations = 10;                 // without, on the inliers; 0: one round only
   double chi2_threshold = kChiSquarePixel95;  // of a whitened residual: inlier up to here
   double huber_threshold = 2.4477;            // sqrt(5.991), whitened
-  int max_dense_poses = 60;                   // free poses up to which the reduced system is solved as a dense one
+  int max_dense_poses = 60;                   // free poses up to which the dense solver is used
   double function_tolerance = 1e-4;           // a round ends when the cost falls by less than this share
   // Looked at after every iteration, from any thread's store; may be null. Once true, the adjustment ends with what it
   // has and `interrupted` set.

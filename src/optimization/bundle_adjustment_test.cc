@@ -218,6 +218,28 @@ TEST(BundleAdjustment, FindsTheExactAnswer) {
   }
 }
 
+TEST(BundleAdjustment, DenseAndSparseSolversAgree) {
+  World world = MakeWorld(7, 0.7, 12, 200);
+  for (std::size_t i = 0; i < world.start.observations.size(); i += 15) {
+    world.start.observations[i].pixel += Vector2d(25.0, -10.0);
+  }
+  world.start.priors.push_back({5, world.truth.poses[5].camera_from_map, 0.05, 0.02});
+  BundleAdjustmentOptions options;
+  options.first_iterations = options.second_iterations = 50;
+  options.function_tolerance = 1e-13;
+  const auto dense = AdjustBundle(world.start, options);
+  options.max_dense_poses = 0;
+  const auto sparse = AdjustBundle(world.start, options);
+  ASSERT_TRUE(dense.ok() && sparse.ok());
+  EXPECT_NEAR(dense->initial_cost, sparse->initial_cost, 1e-6 * sparse->initial_cost);
+  EXPECT_NEAR(dense->final_cost, sparse->final_cost, 1e-6 * sparse->final_cost);
+  EXPECT_EQ(dense->inlier, sparse->inlier);
+  for (std::size_t i = 0; i < world.start.poses.size(); ++i) {
+    const SE3 difference = dense->camera_from_map[i] * sparse->camera_from_map[i].Inverse();
+    EXPECT_LT(difference.Log().norm(), 1e-5) << i;
+  }
+}
+
 TEST(BundleAdjustment, RejectsOutliersAndStaysAccurate) {
   World world = MakeWorld(2, 0.5);
   Random random(9);

@@ -33,6 +33,41 @@ absl::Status WritePoses(const std::string& path, const std::vector<std::pair<Tim
   return io::WriteTumTrajectory(path, InWorld(poses, map), write);
 }
 
+// Processor time of the stages of the feature module, per keyframe.
+nlohmann::ordered_json StageStatistics(const std::vector<mapping::KeyframeReport>& reports) {
+  using mapping::StageTimes;
+  constexpr std::pair<const char*, double StageTimes::*> kStages[] = {{"all", &StageTimes::cpu_ms},
+                                                                      {"extract", &StageTimes::extract_ms},
+                                                                      {"track", &StageTimes::track_ms},
+                                                                      {"relocate", &StageTimes::relocate_ms},
+                                                                      {"new_points", &StageTimes::new_points_ms},
+                                                                      {"fuse", &StageTimes::fuse_ms},
+                                                                      {"adjust", &StageTimes::adjust_ms},
+                                                                      {"cull", &StageTimes::cull_ms},
+                                                                      {"commit", &StageTimes::commit_ms}};
+  nlohmann::ordered_json stages;
+  for (const auto& [name, time] : kStages) {
+    std::vector<float> samples;
+    for (const mapping::KeyframeReport& report : reports) samples.push_back(static_cast<float>(report.times.*time));
+    stages[name] = SampleStatistics(samples);
+  }
+  return stages;
+}
+
+// What the feature module made of each keyframe of the odometry.
+nlohmann::ordered_json KeyframeStates(const std::vector<mapping::KeyframeReport>& reports) {
+  nlohmann::ordered_json states = nlohmann::ordered_json::array();
+  for (const mapping::KeyframeReport& report : reports) {
+    states.push_back({{"t", ToSeconds(report.time_ns)},
+                      {"state", mapping::FeatureStateName(report.state)},
+                      {"inliers", report.inliers},
+                      {"inserted", report.inserted},
+                      {"relocated", report.relocated},
+                      {"restarted", report.restarted}});
+  }
+  return states;
+}
+
 void PrintReport(const RunOptions& options, const engine::SessionReport& report, const map::Session& session,
                  const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt) {
   if (options.json) {
@@ -48,6 +83,8 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
                  {"frame_ms", SampleStatistics(report.frame_ms)},
                  {"track_ms", SampleStatistics(report.odometry.track.samples_ms)},
                  {"keyframe_ms", SampleStatistics(report.keyframe_ms)},
+                 {"keyframe_cpu_ms", StageStatistics(report.keyframe_reports)},
+                 {"keyframe_states", KeyframeStates(report.keyframe_reports)},
                  {"loop_search_ms", SampleStatistics(report.loop_search_ms)}});
     PrintJson(json);
     return;
