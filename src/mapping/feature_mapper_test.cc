@@ -148,7 +148,8 @@ TEST(FeatureMapper, CarriesOnThroughFiveSecondsWithoutTexture) {
   EXPECT_EQ(restarts, 1);
   EXPECT_EQ(relocations, 0) << "nothing of the old map is in sight after the stretch";
   EXPECT_EQ(run.reports.back().state, FeatureState::kGood);
-  EXPECT_LT(run.Error(), 0.05) << "metres, the lost keyframes among them";
+  // The part without a map rests on the odometry and on the relative scale known before it.
+  EXPECT_LT(run.Error(), 0.12) << "metres on a way of 4.1, the lost keyframes among them";
   int roots = 0;
   run.map->keyframes().ForEach([&](const auto& keyframe) { roots += keyframe->parent ? 0 : 1; });
   EXPECT_EQ(roots, 1) << "the new start is linked to the old map";
