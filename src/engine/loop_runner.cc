@@ -30,6 +30,7 @@ absl::Status LoopRunner::AfterPacket(const mapping::KeyframeReport& packet, mapp
   CAIRN_ASSIGN_OR_RETURN(mapping::LoopReport report,
                          closer_.Process(mapper->map(), *mapper->places(), packet.keyframe, commit));
   search_ms_.push_back(static_cast<float>(report.detect_ms + report.verify_ms));
+  if (report.candidates > 0 && !report.closed) ++rejected_[report.evidence.rejected];
   if (!report.closed) return absl::OkStatus();
   loops_.push_back(std::move(report));
   return StartAdjustment(mapper);

@@ -5,8 +5,10 @@
 #pragma once
 
 #include <atomic>
+#include <map>
 #include <memory>
 #include <optional>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -31,6 +33,8 @@ class LoopRunner {
 
   // Loops closed, in order.
   const std::vector<mapping::LoopReport>& loops() const { return loops_; }
+  // Candidates that were no loops, by the reason.
+  const std::map<std::string, int>& rejected() const { return rejected_; }
   // Time of every search, in milliseconds.
   const std::vector<float>& search_ms() const { return search_ms_; }
 
@@ -46,6 +50,7 @@ class LoopRunner {
   mapping::LoopCloser closer_;
   const bool in_background_;
   std::vector<mapping::LoopReport> loops_;
+  std::map<std::string, int> rejected_;
   std::vector<float> search_ms_;
 
   std::thread thread_;

@@ -172,6 +172,7 @@ class Session::Impl {
     report.feature_losses = feature_losses_;
     if (loops_) {
       report.loops = loops_->loops();
+      report.loops_rejected = loops_->rejected();
       report.loop_search_ms = loops_->search_ms();
     }
     report.frame_ms = runner_->frame_ms();

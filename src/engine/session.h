@@ -6,6 +6,7 @@
 // same output, to the bit.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -55,11 +56,12 @@ struct SessionReport {
   std::int64_t direct_keyframes = 0;
   std::int64_t keyframes = 0;  // in the map
   std::int64_t points = 0;
-  std::int64_t feature_losses = 0;                        // times the feature module lost the map
-  std::vector<mapping::LoopReport> loops;                 // closed, in order
-  std::vector<float> loop_search_ms;                      // per keyframe inserted
-  std::vector<float> frame_ms;                            // per call of AddFrame
-  std::vector<float> keyframe_ms;                         // per packet through the feature module
+  std::int64_t feature_losses = 0;            // times the feature module lost the map
+  std::vector<mapping::LoopReport> loops;     // closed, in order
+  std::map<std::string, int> loops_rejected;  // searches that ended with a candidate that is no loop, by the reason
+  std::vector<float> loop_search_ms;          // per keyframe inserted
+  std::vector<float> frame_ms;                // per call of AddFrame
+  std::vector<float> keyframe_ms;             // per packet through the feature module
   std::vector<mapping::KeyframeReport> keyframe_reports;  // what became of each of them
   direct::OdometryStatistics odometry;
   map::ReportedTrajectory trajectory;  // which of the two the frame poses below follow, and why

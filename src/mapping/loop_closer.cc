@@ -51,7 +51,7 @@ absl::StatusOr<LoopReport> LoopCloser::Process(std::shared_ptr<const map::Snapsh
   std::optional<Loop> loop;
   for (const KeyframeId candidate : candidates) {
     ++report.candidates;
-    loop = VerifyLoop(*map, places, keyframe, candidate, options_, &report.evidence);
+    loop = VerifyLoop(*map, keyframe, candidate, options_, &report.evidence);
     if (loop) break;
   }
   report.verify_ms = watch.LapMs();

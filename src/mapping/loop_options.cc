@@ -14,10 +14,10 @@ absl::Status LoopOptions::Validate() const {
   if (min_guided_matches < min_sim3_inliers) return bad("min_guided_matches must be at least min_sim3_inliers");
   if (min_cells < 1 || min_cells > 64) return bad("min_cells must be 1 to 64");
   if (neighbourhood < 1) return bad("neighbourhood must be at least 1");
-  if (word_max_distance < 0 || word_max_distance > 256 || guided_max_distance < 0 || guided_max_distance > 256) {
+  if (match_max_distance < 0 || match_max_distance > 256 || guided_max_distance < 0 || guided_max_distance > 256) {
     return bad("Hamming distances must be 0 to 256 bits");
   }
-  if (!(word_max_ratio > 0.0 && word_max_ratio <= 1.0)) return bad("word_max_ratio must be in (0, 1]");
+  if (!(match_max_ratio > 0.0 && match_max_ratio <= 1.0)) return bad("match_max_ratio must be in (0, 1]");
   if (guided_radius_factors.empty() || !(*std::ranges::min_element(guided_radius_factors) > 0.0)) {
     return bad("guided_radius_factors must be one or more positive numbers");
   }

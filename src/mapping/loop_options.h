@@ -16,12 +16,12 @@ struct LoopOptions {
   double min_group_share = 0.75;   // of the score of the best group of covisible candidates
 
   // The similarity between the current keyframe and a candidate.
-  int min_sim3_inliers = 20;    // of matches by words, after RANSAC
+  int min_sim3_inliers = 20;    // of matches by descriptors, after RANSAC
   int min_guided_matches = 40;  // after matching by projection over the candidate's neighbourhood
   int min_cells = 10;           // of 8 x 8 in the image that hold them
   int neighbourhood = 15;       // covisible keyframes of the candidate whose points take part
-  int word_max_distance = 60;   // Hamming, bits
-  double word_max_ratio = 0.8;
+  int match_max_distance = 60;  // Hamming, bits
+  double match_max_ratio = 0.8;
   std::vector<double> guided_radius_factors = {4.0, 2.0};
   int guided_max_distance = 70;
 

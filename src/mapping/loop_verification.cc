@@ -25,18 +25,19 @@ SE3 RigidPart(const Sim3& camera_from_map) {
   return {camera_from_map.rotation(), camera_from_map.translation() / camera_from_map.scale()};
 }
 
-place::DirectIndex DirectIndexOf(std::span<const place::NodeId> nodes) {
-  place::DirectIndex index;
-  for (std::uint32_t i = 0; i < nodes.size(); ++i) index.push_back({nodes[i], i});
-  std::sort(index.begin(), index.end());
-  return index;
-}
-
-std::vector<std::uint8_t> HasPoint(const map::Keyframe& keyframe) {
-  std::vector<std::uint8_t> has(keyframe.points.size());
-  for (std::size_t i = 0; i < has.size(); ++i) has[i] = keyframe.points[i] ? 1 : 0;
-  return has;
-}
+// The features of a keyframe that observe a point.
+struct WithPoints {
+  explicit WithPoints(const map::Keyframe& keyframe) {
+    for (std::uint32_t i = 0; i < keyframe.points.size(); ++i) {
+      if (!keyframe.points[i]) continue;
+      features.keypoints.push_back(keyframe.keypoints()[i]);
+      features.descriptors.push_back(keyframe.descriptors()[i]);
+      index.push_back(i);
+    }
+  }
+  image::Features features;
+  std::vector<std::uint32_t> index;  // in the keyframe
+};
 
 std::optional<std::uint32_t> FeatureOf(const map::MapPoint& point, KeyframeId keyframe) {
   const auto at = std::lower_bound(point.observations.begin(), point.observations.end(), map::Observation{keyframe, 0});
@@ -46,10 +47,9 @@ std::optional<std::uint32_t> FeatureOf(const map::MapPoint& point, KeyframeId ke
 
 class Verifier {
  public:
-  Verifier(const map::Snapshot& map, const tracking::PlaceDatabase& places, KeyframeId current, KeyframeId candidate,
-           const LoopOptions& options, LoopEvidence* evidence)
+  Verifier(const map::Snapshot& map, KeyframeId current, KeyframeId candidate, const LoopOptions& options,
+           LoopEvidence* evidence)
       : map_(map),
-        places_(places),
         current_(map.keyframe(current)),
         loop_(map.keyframe(candidate)),
         options_(options),
@@ -63,7 +63,7 @@ class Verifier {
     loop.loop = loop_.id;
     loop.loop_side = Side(loop_, {});
     current_side_ = Side(current_, loop.loop_side);
-    if (!MatchWords(&loop) || !MatchGuided(&loop)) return std::nullopt;
+    if (!MatchDescriptors(&loop) || !MatchGuided(&loop)) return std::nullopt;
     if (!Plausible(loop)) return std::nullopt;
     const bool here = NeighboursAgree(current_, current_side_, loop_, loop.loop_side, loop.current_from_loop);
     if (!here || !NeighboursAgree(loop_, loop.loop_side, current_, current_side_, loop.current_from_loop.Inverse())) {
@@ -121,31 +121,35 @@ class Verifier {
     return match;
   }
 
-  bool MatchWords(Loop* loop) {
+  bool MatchDescriptors(Loop* loop) {
     image::MatchOptions matching;
-    matching.max_distance = options_.word_max_distance;
-    matching.max_ratio = options_.word_max_ratio;
-    const auto pairs = place::MatchByWords(current_.features->features, DirectIndexOf(places_.NodesOf(current_.id)),
-                                           loop_.features->features, DirectIndexOf(places_.NodesOf(loop_.id)), matching,
-                                           HasPoint(current_), HasPoint(loop_));
+    matching.max_distance = options_.match_max_distance;
+    matching.max_ratio = options_.match_max_ratio;
+    // Every feature that has a point against every one: candidates are few, and a search by words misses many.
+    const WithPoints here(current_), there(loop_);
+    std::vector<image::FeatureMatch> pairs = image::MatchBruteForce(here.features, there.features, matching);
+    for (image::FeatureMatch& pair : pairs) {
+      pair.a = here.index[pair.a];
+      pair.b = there.index[pair.b];
+    }
     std::vector<Sim3Match> matches;
     for (const image::FeatureMatch& pair : pairs) {
       if (current_.points[pair.a] == loop_.points[pair.b]) continue;
       matches.push_back(MakeMatch(current_, pair.a, loop_, map_.point(loop_.points[pair.b])));
     }
-    evidence_.word_matches = static_cast<int>(matches.size());
-    if (evidence_.word_matches < options_.min_sim3_inliers) return Reject("few matches by words");
+    evidence_.descriptor_matches = static_cast<int>(matches.size());
+    if (evidence_.descriptor_matches < options_.min_sim3_inliers) return Reject("few matches by descriptors");
     optimization::Sim3RansacOptions ransac;
     ransac.min_inliers = options_.min_sim3_inliers;
     // Three points with errors of depth fit the others badly: what they are worth shows after refinement.
     ransac.chi2_threshold = kSampleTolerance * optimization::kChiSquarePixel99;
     ransac.seed = (std::uint64_t{current_.id.value()} << 32) + loop_.id.value();
     const auto found = FindSim3(PinholeOf(current_), PinholeOf(loop_), matches, ransac);
-    if (!found.ok()) return Reject("the matches by words agree on no similarity");
+    if (!found.ok()) return Reject("the matches by descriptors agree on no similarity");
     optimization::Sim3RefinementOptions refinement;
     refinement.min_inliers = options_.min_sim3_inliers;
     const auto refined = RefineSim3(PinholeOf(current_), PinholeOf(loop_), found->a_from_b, matches, refinement);
-    if (!refined.ok()) return Reject("the similarity of the matches by words does not hold");
+    if (!refined.ok()) return Reject("the similarity of the matches by descriptors does not hold");
     evidence_.sim3_inliers = refined->num_inliers;
     loop->current_from_loop = refined->a_from_b;
     return true;
@@ -285,7 +289,6 @@ class Verifier {
   }
 
   const map::Snapshot& map_;
-  const tracking::PlaceDatabase& places_;
   const map::Keyframe& current_;
   const map::Keyframe& loop_;
   const LoopOptions& options_;
@@ -321,9 +324,9 @@ std::optional<double> PathLength(const map::Snapshot& map, KeyframeId a, Keyfram
   return std::nullopt;
 }
 
-std::optional<Loop> VerifyLoop(const map::Snapshot& map, const tracking::PlaceDatabase& places, KeyframeId current,
-                               KeyframeId candidate, const LoopOptions& options, LoopEvidence* evidence) {
-  return Verifier(map, places, current, candidate, options, evidence).Run();
+std::optional<Loop> VerifyLoop(const map::Snapshot& map, KeyframeId current, KeyframeId candidate,
+                               const LoopOptions& options, LoopEvidence* evidence) {
+  return Verifier(map, current, candidate, options, evidence).Run();
 }
 
 }  // namespace cairn::mapping

@@ -10,7 +10,6 @@
 
 #include "map/snapshot.h"
 #include "mapping/loop_options.h"
-#include "tracking/place_database.h"
 
 namespace cairn::mapping {
 
@@ -32,8 +31,8 @@ struct Loop {
 // What was found of a candidate, up to where it failed.
 struct LoopEvidence {
   KeyframeId candidate;
-  std::string rejected;  // why; empty: it is a loop
-  int word_matches = 0;  // with points on both sides
+  std::string rejected;        // why; empty: it is a loop
+  int descriptor_matches = 0;  // with points on both sides
   int sim3_inliers = 0;
   int guided_matches = 0;
   int cells = 0;
@@ -45,9 +44,8 @@ struct LoopEvidence {
   double turn_rad = 0.0;
 };
 
-// `places` is of the same revision as `map`.
-std::optional<Loop> VerifyLoop(const map::Snapshot& map, const tracking::PlaceDatabase& places, KeyframeId current,
-                               KeyframeId candidate, const LoopOptions& options, LoopEvidence* evidence);
+std::optional<Loop> VerifyLoop(const map::Snapshot& map, KeyframeId current, KeyframeId candidate,
+                               const LoopOptions& options, LoopEvidence* evidence);
 
 // Length of the way from camera to camera along the spanning tree. Nothing if the keyframes are of different trees, or
 // the way crosses a link without shared points: a restart after a loss, where nothing is known.
