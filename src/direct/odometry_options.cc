@@ -61,4 +61,31 @@ absl::Status OdometryOptions::Validate() const {
   return absl::OkStatus();
 }
 
+OdometryOptions PresetOptions(Preset preset) {
+  OdometryOptions options;
+  switch (preset) {
+    case Preset::kFast:
+      options.max_keyframes = 5;
+      options.max_active_points = 500;
+      options.candidates_per_keyframe = 500;
+      options.max_iterations = 3;
+      break;
+    case Preset::kDefault:
+      break;
+    case Preset::kAccurate:
+      options.max_active_points = 1200;
+      options.candidates_per_keyframe = 1200;
+      options.max_iterations = 8;
+      break;
+  }
+  return options;
+}
+
+absl::StatusOr<Preset> PresetFromName(absl::string_view name) {
+  if (name == "fast") return Preset::kFast;
+  if (name == "default") return Preset::kDefault;
+  if (name == "accurate") return Preset::kAccurate;
+  return absl::InvalidArgumentError(absl::StrCat("unknown preset \"", name, "\": use fast, default or accurate"));
+}
+
 }  // namespace cairn::direct

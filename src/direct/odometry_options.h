@@ -2,7 +2,8 @@
 // Cremers, "Direct Sparse Odometry" (PAMI 2018), Sec. 2 to 4, called DSO below.
 #pragma once
 
-#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 
 namespace cairn::direct {
 
@@ -64,5 +65,15 @@ struct OdometryOptions {
 
   absl::Status Validate() const;
 };
+
+// Settings for a purpose; what each costs and gives is in docs/benchmarks.md.
+enum class Preset {
+  kFast,      // as DSO's reduced setting: a smaller window, fewer points
+  kDefault,   // OdometryOptions as they are
+  kAccurate,  // for recordings: more points and iterations
+};
+OdometryOptions PresetOptions(Preset preset);
+// "fast", "default" or "accurate".
+absl::StatusOr<Preset> PresetFromName(absl::string_view name);
 
 }  // namespace cairn::direct

@@ -148,6 +148,13 @@ class Office(unittest.TestCase):
         info = must('info', killed)
         self.assertGreaterEqual(info['keyframes'], 1)
 
+    def test_bench_tells_times_and_memory(self):
+        report = must('bench', 'direct', self.first, '--preset', 'fast')
+        self.assertGreaterEqual(report['frames_tracked'] / report['frames'], 0.95)
+        for stage in ('pyramid', 'track', 'start', 'trace', 'activate', 'optimize', 'marginalize', 'frame'):
+            self.assertGreater(report['stages_ms'][stage]['median'], 0, stage)
+        self.assertGreater(report['peak_memory_mb'], 20)
+
     def test_an_interrupted_run_writes_what_it_has(self):
         cut, frames = self.folder / 'cut.cairn', self.folder / 'cut.txt'
         process = subprocess.Popen([BINARY, 'run', str(self.first), '--map', str(cut), '--trajectory', str(frames),
@@ -213,7 +220,7 @@ class TumMono(unittest.TestCase):
 class CommandLine(unittest.TestCase):
     def test_every_verb_has_help_with_an_example(self):
         for verb in (['run'], ['localize'], ['info'], ['align'], ['synth'], ['eval', 'ate'], ['eval', 'rpe'], ['eval', 'loop'],
-                     ['eval', 'localization'], ['vocab', 'train'], ['vocab', 'import'], ['vocab', 'info']):
+                     ['eval', 'localization'], ['vocab', 'train'], ['vocab', 'import'], ['vocab', 'info'], ['bench', 'direct']):
             answer = cairn(*verb, '--help', json_output=False)
             self.assertEqual(answer.code, 0)
             self.assertIn('Example', answer.out, verb)

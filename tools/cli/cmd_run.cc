@@ -70,8 +70,14 @@ void AddRunCommand(CLI::App& app, Action* action) {
   CLI::Option* vo = verb->add_flag_callback(
       "--vo", [options] { options->session.close_loops = false; },
       "Visual odometry: close no loops; parts of the map that are far apart along the path stay apart");
-  verb->add_flag("--full-resolution", options->session.odometry.full_resolution,
-                 "Track on full instead of half resolution: slower");
+  verb->add_option(
+          "--preset", options->preset,
+          "What the odometry may spend. fast: fewer points and keyframes, four fifths of the time, three times the "
+          "error on handheld indoor recordings; accurate: more points and iterations, half as much time again, "
+          "slightly better on average (docs/benchmarks.md)")
+      ->check(CLI::IsMember({"fast", "default", "accurate"}))
+      ->capture_default_str();
+  verb->add_flag("--full-resolution", options->full_resolution, "Track on full instead of half resolution: slower");
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   for (CLI::Option* of_maps : {map, name, poses, vocabulary, picture, vo}) odometry_only->excludes(of_maps);
@@ -85,6 +91,9 @@ void AddRunCommand(CLI::App& app, Action* action) {
     if (!options->odometry_only && options->map.empty()) {
       throw CLI::RequiredError("--map (or --odometry-only, which makes none)");
     }
+    const absl::StatusOr<direct::Preset> preset = direct::PresetFromName(options->preset);
+    if (preset.ok()) options->session.odometry = direct::PresetOptions(*preset);
+    options->session.odometry.full_resolution |= options->full_resolution;
     *action = [=] { return Run(*options); };
   });
 }

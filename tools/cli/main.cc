@@ -56,6 +56,7 @@ int main(int argc, char** argv) {
   AddInfoCommand(app, &action);
   AddAlignCommand(app, &action);
   AddEvalCommand(app, &action);
+  AddBenchCommand(app, &action);
   AddVocabCommand(app, &action);
   AddSynthCommand(app, &action);
   AddCameraCommand(app, &action);

@@ -137,6 +137,7 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
        std::isfinite(options.input.open.until_s) ? nlohmann::ordered_json(options.input.open.until_s) : nullptr},
       {"stride", options.input.open.stride},
       {"deterministic", deterministic},
+      {"preset", options.preset},
       {"full_resolution", options.session.odometry.full_resolution},
       {"close_loops", options.session.close_loops},
       {"poses_given", !options.poses.empty()}};

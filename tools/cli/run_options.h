@@ -31,6 +31,8 @@ struct RunOptions {
   engine::SessionOptions session;
   mapping::PosedMapperOptions posed;
   bool odometry_only = false;
+  std::string preset = "default";
+  bool full_resolution = false;
   int threads = 0;              // 0: as many as are of use
   double realtime_speed = 0.0;  // 0: as fast as possible
   bool overwrite = false;
