@@ -8,6 +8,7 @@
 #include "direct/image_pyramid.h"
 #include "direct/light.h"
 #include "direct/tracking_kernel.h"
+#include "direct/view_search.h"
 #include "geometry/se3.h"
 
 namespace cairn::direct {
@@ -25,6 +26,7 @@ struct TrackingReference {
   std::int64_t keyframe = -1;
   AffineLight light;
   double exposure_gain = 0.0;
+  Thumbnail thumbnail;  // to find the view again
   struct Level {
     int count = 0;                                  // without padding
     std::vector<float> x, y, inverse_depth, color;  // padded to a multiple of 8

@@ -6,6 +6,7 @@
 #include <deque>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -47,6 +48,7 @@ class Odometry::Impl {
     std::shared_ptr<const FrameData> data;  // of a tracked one
     std::size_t position = 0;               // in results_
     bool keyframe = false;
+    bool lost = false;     // its image is kept: a new segment begins with the first lost frame
     bool restart = false;  // tracking gave up: start a new segment
     std::int64_t reference = -1;
     SE3 keyframe_from_camera;
@@ -83,7 +85,9 @@ class Odometry::Impl {
   const std::vector<SE3>& Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide);
   bool AlignBest(const TrackingReference& reference, const FrameData& data, const std::vector<SE3>& guesses,
                  double expected_rms, TrackingOutcome* best) const;
-  bool Plausible(const TrackingReference& reference, const TrackingOutcome& outcome) const;
+  bool SearchReferences(std::span<const std::shared_ptr<const TrackingReference>> newest_first, const FrameData& data,
+                        TimeNs time_ns, TrackingOutcome* outcome, std::shared_ptr<const TrackingReference>* found);
+  bool Plausible(const TrackingReference& reference, const FrameData& data, const TrackingOutcome& outcome) const;
   double Quality(const TrackingOutcome& outcome) const;
   bool NeedsKeyframe(const TrackingReference& reference, const TrackingOutcome& outcome);
 
@@ -98,6 +102,7 @@ class Odometry::Impl {
   void SetReference(std::shared_ptr<const TrackingReference> reference);
   SE3 KeyframePoseOf(std::int64_t id) const;
   void FlushWindow();
+  void RequeueLost();
 
   // odometry_start.cc
   void AddToStart(const Job& job);
@@ -146,6 +151,7 @@ class Odometry::Impl {
   std::int64_t segment_ = 0;
   FeatureStart start_;
   std::deque<Retained> retained_;
+  std::deque<Retained> lost_;        // frames since the last tracked one, at most max_lost_frames
   std::size_t start_reference_ = 0;  // in retained_
   std::vector<SelectedPixel> selected_;
 };

@@ -29,7 +29,14 @@ bool Odometry::Impl::MapNext() {
     jobs_.erase(jobs_.begin());
     starting = mode_ == Mode::kStarting;
   }
-  if (job.restart) FlushWindow();
+  if (job.lost) {
+    lost_.push_back({job.frame, job.position});
+    if (job.restart) {
+      FlushWindow();
+      RequeueLost();
+    }
+    return true;
+  }
   if (!job.data) {
     if (starting) {
       AddToStart(job);
@@ -41,12 +48,13 @@ bool Odometry::Impl::MapNext() {
       std::lock_guard lock(mutex_);
       if (tracked.restart) mode_ = Mode::kStarting, ++untracked_jobs_;
       keyframe_queued_ |= tracked.keyframe;
-      if (tracked.data || tracked.restart) jobs_.insert(jobs_.begin(), std::move(tracked));
+      if (tracked.data || tracked.lost) jobs_.insert(jobs_.begin(), std::move(tracked));
     }
     std::lock_guard lock(mutex_);
     --untracked_jobs_;
     return true;
   }
+  lost_.clear();
   if (job.keyframe) {
     MakeKeyframe(job);
     std::lock_guard lock(mutex_);
@@ -247,6 +255,7 @@ std::shared_ptr<const TrackingReference> Odometry::Impl::BuildReference(int inde
   reference->keyframe = keyframe.id;
   reference->light = keyframe.light;
   reference->exposure_gain = keyframe.data->frame.exposure_gain;
+  reference->thumbnail = MakeThumbnail(keyframe.data->pyramid, geometry_);
   std::vector<ReferencePoint> points;
   points.reserve(window_.points().size());
   std::vector<PairProjection> to_index(window_.size());
@@ -284,6 +293,20 @@ void Odometry::Impl::Marginalize(const std::vector<bool>& goes) {
     }
     window_.MarginalizeKeyframe(k);
   }
+}
+
+// The frames since the last tracked one wait for the next start, before all that were handed over since.
+void Odometry::Impl::RequeueLost() {
+  std::lock_guard lock(mutex_);
+  for (auto it = lost_.rbegin(); it != lost_.rend(); ++it) {
+    Job job;
+    job.frame = it->frame;
+    job.position = it->position;
+    jobs_.insert(jobs_.begin(), std::move(job));
+    ++untracked_jobs_;
+  }
+  --untracked_jobs_;  // the frame that gave up is counted and among them
+  lost_.clear();
 }
 
 void Odometry::Impl::FlushWindow() {

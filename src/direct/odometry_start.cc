@@ -239,7 +239,7 @@ void Odometry::Impl::RetrackRetained(const StartResult& start, std::size_t refer
     const TrackingOutcome outcome =
         tracker_.Align(reference, *data, guess, reference.light,
                        PriorOf(data->frame, options_.affine_a_sigma, options_.affine_b_sigma_gray), never, rms);
-    const bool good = Plausible(reference, outcome);
+    const bool good = Plausible(reference, *data, outcome);
     StoreRetracked(retained_[i].position, reference.keyframe, (good ? outcome.new_from_reference : guess).Inverse(),
                    good ? Quality(outcome) : 0.3);
   }

@@ -4,16 +4,21 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "direct/alignment_check.h"
 #include "direct/odometry_impl.h"
+#include "direct/view_search.h"
 
 namespace cairn::direct {
 namespace {
 
 constexpr double kRotationStepRad = 0.02;
-constexpr double kGoodEnoughRmsRatio = 1.5;  // against the last frame: further hypotheses are not tried
-constexpr double kMaxLogGain = 1.2;          // against the reference; a black image fits any gain
-constexpr double kMaxVelocityRatio = 5.0;    // a gap is bridged by at most as many times the last motion
-constexpr std::size_t kMaxReferences = 4;    // tried when lost
+constexpr double kGoodEnoughRmsRatio = 1.5;        // against the last frame: further hypotheses are not tried
+constexpr double kMaxLogGain = 1.2;                // against the reference; a black image fits any gain
+constexpr double kMaxVelocityRatio = 5.0;          // a gap is bridged by at most as many times the last motion
+constexpr std::size_t kMaxReferences = 8;          // tried when lost
+constexpr double kSureQuality = 0.8;               // from here on an alignment is believed without a second opinion
+constexpr double kMinAgreement = 0.25;             // of the textured cells: fewer and the image shows another place
+constexpr std::size_t kMaxSearchedReferences = 4;  // of those most similar to a lost frame
 
 SE3 Scaled(const SE3& motion, double factor) { return SE3::Exp(factor * motion.Log()); }
 
@@ -47,7 +52,7 @@ absl::StatusOr<FrameResult> Odometry::Impl::Track(const Frame& frame) {
   Job job;
   result = TrackFrame(frame, position, &job);
   std::lock_guard lock(mutex_);
-  if (job.data || job.restart) {
+  if (job.data || job.lost) {
     if (job.restart) mode_ = Mode::kStarting, ++untracked_jobs_;
     keyframe_queued_ |= job.keyframe;
     jobs_.push_back(std::move(job));
@@ -106,10 +111,15 @@ const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& refe
   return guesses;
 }
 
-bool Odometry::Impl::Plausible(const TrackingReference& reference, const TrackingOutcome& outcome) const {
+bool Odometry::Impl::Plausible(const TrackingReference& reference, const FrameData& data,
+                               const TrackingOutcome& outcome) const {
   if (!outcome.converged || !outcome.new_from_reference.translation().allFinite()) return false;
   if (std::abs(outcome.light.a - reference.light.a) > kMaxLogGain) return false;
-  return outcome.good_share >= 0.5 * options_.min_tracked_share && Quality(outcome) >= options_.min_tracked_share;
+  if (outcome.good_share < 0.5 * options_.min_tracked_share || Quality(outcome) < options_.min_tracked_share) {
+    return false;
+  }
+  return Quality(outcome) >= kSureQuality ||
+         CheckAlignment(geometry_, reference, data.pyramid, outcome.new_from_reference).share() >= kMinAgreement;
 }
 
 // Share of the points in view that match.
@@ -127,7 +137,7 @@ bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameDa
   for (const SE3& guess : guesses) {
     double rms[kMaxLevels] = {};
     const TrackingOutcome outcome = tracker_.Align(reference, data, guess, last_light_, prior, give_up, rms);
-    if (Plausible(reference, outcome) && (!any || outcome.rms_gray < best->rms_gray)) {
+    if (Plausible(reference, data, outcome) && (!any || outcome.rms_gray < best->rms_gray)) {
       *best = outcome;
       any = true;
       for (int level = 0; level < geometry_.levels; ++level) best_rms[level] = rms[level];
@@ -138,6 +148,30 @@ bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameDa
     if (any && (expected_rms <= 0.0 || best->rms_gray < kGoodEnoughRmsRatio * expected_rms)) break;
   }
   return any;
+}
+
+// Against the last keyframes, most similar view first: where the camera was last seen, and turned as the images say.
+bool Odometry::Impl::SearchReferences(std::span<const std::shared_ptr<const TrackingReference>> newest_first,
+                                      const FrameData& data, TimeNs time_ns, TrackingOutcome* outcome,
+                                      std::shared_ptr<const TrackingReference>* found) {
+  const Thumbnail thumbnail = MakeThumbnail(data.pyramid, geometry_);
+  std::vector<std::pair<ViewShift, std::shared_ptr<const TrackingReference>>> ranked;
+  for (const auto& reference : newest_first) {
+    ranked.emplace_back(FindShift(reference->thumbnail, thumbnail, geometry_), reference);
+  }
+  std::stable_sort(ranked.begin(), ranked.end(),
+                   [](const auto& a, const auto& b) { return a.first.correlation > b.first.correlation; });
+  if (ranked.size() > kMaxSearchedReferences) ranked.resize(kMaxSearchedReferences);
+  for (const auto& [shift, reference] : ranked) {
+    std::vector<SE3> guesses = {SE3(shift.new_from_reference, Vector3d::Zero())};
+    const std::vector<SE3>& motions = Hypotheses(*reference, time_ns, false);
+    guesses.insert(guesses.end(), motions.begin(), motions.end());
+    if (AlignBest(*reference, data, guesses, 0.0, outcome)) {
+      *found = reference;
+      return true;
+    }
+  }
+  return false;
 }
 
 FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position, Job* job) {
@@ -158,18 +192,17 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
   const bool was_lost = lost_frames_ > 0;
   bool found = AlignBest(*reference, *data, Hypotheses(*reference, frame.time_ns, was_lost), was_lost ? 0.0 : last_rms_,
                          &outcome);
-  for (std::size_t i = 1; !found && i < reference_count; ++i) {
-    found = AlignBest(*references[i], *data, Hypotheses(*references[i], frame.time_ns, true), 0.0, &outcome);
-    if (found) reference = references[i];
-  }
+  if (!found)
+    found = SearchReferences({references.data(), reference_count}, *data, frame.time_ns, &outcome, &reference);
   if (!found) {
     result.state = TrackingState::kLost;
     ++lost_frames_;
     result.message = absl::StrFormat("lost for %d frames: no motion explains the image", lost_frames_);
+    job->lost = true;
+    job->frame = frame;
+    job->position = position;
     if (lost_frames_ >= options_.max_lost_frames) {
       job->restart = true;
-      job->frame = frame;
-      job->position = position;
       result.message += "; starting anew";
     }
   } else {

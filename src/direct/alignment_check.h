@@ -1,0 +1,27 @@
+// A second opinion on the alignment of a frame, independent of the photometric residuals that made it.
+//
+// An alignment to an image of another place leaves residuals of which a fair share is small, since large parts of every
+// image are smooth. It does not, however, reproduce the pattern of light and dark: here the intensities of the
+// reference's points are correlated with those of the image where the pose puts them, cell by cell of a grid over the
+// reference. Correlation knows no gain and no offset, and a cell is right or wrong whatever happens to the others, so
+// that half an image behind an obstacle leaves the other half of the cells agreeing.
+#pragma once
+
+#include "direct/coarse_tracker.h"
+#include "direct/image_pyramid.h"
+#include "geometry/se3.h"
+
+namespace cairn::direct {
+
+struct AlignmentAgreement {
+  int cells = 0;     // in view, with texture
+  int agreeing = 0;  // of these, with a correlation of at least kAgreeingCorrelation
+  double share() const { return cells > 0 ? static_cast<double>(agreeing) / cells : 0.0; }
+};
+
+inline constexpr double kAgreeingCorrelation = 0.7;
+
+AlignmentAgreement CheckAlignment(const PyramidGeometry& geometry, const TrackingReference& reference,
+                                  const ImagePyramid& image, const SE3& new_from_reference);
+
+}  // namespace cairn::direct
