@@ -96,6 +96,8 @@ absl::Status FeatureMapper::Impl::Finish() {
     LocalAdjustmentOptions adjustment;
     adjustment.first_iterations = options_.final_iterations;
     adjustment.second_iterations = options_.final_iterations;
+    // What is bent over many keyframes costs little and straightens slowly.
+    adjustment.function_tolerance = options_.final_tolerance;
     adjustment.max_fixed_keyframes = 0;
     const auto adjusted = AdjustKeyframes(edit, own, adjustment);
     if (adjusted.ok()) {

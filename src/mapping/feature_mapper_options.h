@@ -62,7 +62,8 @@ struct FeatureMapperOptions {
   // At the end of a session: a bundle adjustment of all that it added, if it has no more keyframes than this (0:
   // never).
   int max_final_keyframes = 400;
-  int final_iterations = 15;
+  double final_tolerance = 1e-6;  // a round of it ends when the cost falls by less than this share
+  int final_iterations = 30;
 
   // Culling.
   double min_found_ratio = 0.25;

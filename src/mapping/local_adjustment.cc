@@ -148,6 +148,7 @@ absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span
   optimization::BundleAdjustmentOptions adjustment;
   adjustment.first_iterations = options.first_iterations;
   adjustment.second_iterations = options.second_iterations;
+  adjustment.function_tolerance = options.function_tolerance;
   CAIRN_ASSIGN_OR_RETURN(const optimization::BundleResult result,
                          optimization::AdjustBundle(built.problem, adjustment));
   report.adjusted = true;

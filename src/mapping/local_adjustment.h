@@ -22,6 +22,7 @@ struct KeyframePrior {
 struct LocalAdjustmentOptions {
   int first_iterations = 3;
   int second_iterations = 5;
+  double function_tolerance = 1e-4;   // a round ends when the cost falls by less than this share
   int max_fixed_keyframes = 30;       // those that see most of the points; 0: all
   bool hold_poses = false;            // only points move
   std::vector<KeyframePrior> priors;  // of the free keyframes; they anchor the map like fixed ones
