@@ -20,6 +20,22 @@ WindowOptions MakeWindowOptions(const OdometryOptions& options) {
   return window;
 }
 
+// See Odometry::FrameResults().
+void SpreadCorrection(const std::vector<KeyframePose>& keyframes, FrameResult* frame) {
+  const std::size_t next = static_cast<std::size_t>(frame->keyframe + 1);
+  if (frame->keyframe < 0 || next >= keyframes.size() || keyframes[next].reference != frame->keyframe) return;
+  const KeyframePose &before = keyframes[next - 1], &after = keyframes[next];
+  if (frame->time_ns <= before.time_ns || frame->time_ns >= after.time_ns) return;
+  const double share =
+      static_cast<double>(frame->time_ns - before.time_ns) / static_cast<double>(after.time_ns - before.time_ns);
+  const SE3& tracked = after.reference_from_camera;
+  const SE3 optimized = before.direct_from_camera.Inverse() * after.direct_from_camera;
+  const Quaterniond turned = tracked.rotation().slerp(share, optimized.rotation());
+  frame->keyframe_from_camera =
+      SE3(turned * tracked.rotation().conjugate() * frame->keyframe_from_camera.rotation(),
+          frame->keyframe_from_camera.translation() + share * (optimized.translation() - tracked.translation()));
+}
+
 }  // namespace
 
 Odometry::Impl::Timer::~Timer() {
@@ -112,7 +128,10 @@ FrameResult Odometry::Impl::Result(std::size_t position) const {
 std::vector<FrameResult> Odometry::Impl::FrameResults() const {
   std::lock_guard lock(mutex_);
   std::vector<FrameResult> results = results_;
-  for (FrameResult& result : results) result.direct_from_camera = DirectFromCamera(result);
+  for (FrameResult& result : results) {
+    SpreadCorrection(keyframes_, &result);
+    result.direct_from_camera = DirectFromCamera(result);
+  }
   return results;
 }
 
@@ -213,6 +232,8 @@ void Odometry::Impl::PublishPoses() {
 void Odometry::Impl::Finish() {
   while (MapNext()) {
   }
+  // Nothing else would correct the frames since the last keyframe.
+  if (last_frame_.data != nullptr && !window_.empty()) MakeKeyframe(std::exchange(last_frame_, {}));
   FlushWindow();
   std::lock_guard lock(mutex_);
   finished_ = true;

@@ -53,6 +53,10 @@ struct KeyframePose {
   TimeNs time_ns = 0;
   SE3 direct_from_camera;
   bool still_active = false;
+  // What tracking made of it before its window was optimized: its pose against the keyframe it was tracked against; -1
+  // for the first keyframes of a segment.
+  std::int64_t reference = -1;
+  SE3 reference_from_camera = SE3();
 };
 
 class Odometry {
@@ -80,11 +84,13 @@ class Odometry {
   std::vector<KeyframePacket> TakePackets();
   // The packet of a keyframe that is still in the window; NotFound otherwise. Not at the same time as MapNext().
   absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
-  // Ends the run: the keyframes still in the window become packets (with still_active false). Only reading calls after
-  // it.
+  // Ends the run: the last tracked frame becomes a keyframe, and the keyframes still in the window become packets (with
+  // still_active false). Only reading calls after it.
   void Finish();
 
-  // One per accepted frame, in temporal order, with direct_from_camera recomputed from the keyframe's newest pose.
+  // One per accepted frame, in temporal order, with direct_from_camera recomputed from the keyframe's newest pose. What
+  // optimization changed of the motion from a keyframe to the next is spread evenly over the time between (also in
+  // keyframe_from_camera), so that the poses between are as good as the keyframes'.
   // keyframe is -1 and the state kInitializing or kLost for the frames without a pose.
   std::vector<FrameResult> FrameResults() const;
   // All keyframes ever made, in temporal order.

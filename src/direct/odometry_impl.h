@@ -151,6 +151,7 @@ class Odometry::Impl {
   std::int64_t segment_ = 0;
   FeatureStart start_;
   std::deque<Retained> retained_;
+  Job last_frame_;                   // the last one mapped, if it is no keyframe
   std::deque<Retained> lost_;        // frames since the last tracked one, at most max_lost_frames
   std::size_t start_reference_ = 0;  // in retained_
   std::vector<SelectedPixel> selected_;

@@ -55,6 +55,7 @@ bool Odometry::Impl::MapNext() {
     return true;
   }
   lost_.clear();
+  last_frame_ = {};
   if (job.keyframe) {
     MakeKeyframe(job);
     std::lock_guard lock(mutex_);
@@ -62,6 +63,7 @@ bool Odometry::Impl::MapNext() {
   } else if (!window_.empty()) {
     const Timer timer(this, &statistics_.trace);
     TraceFrame(*job.data, (KeyframePoseOf(job.reference) * job.keyframe_from_camera).Inverse(), job.light);
+    last_frame_ = std::move(job);
   }
   return true;
 }
@@ -91,8 +93,8 @@ void Odometry::Impl::MakeKeyframe(const Job& job) {
     std::lock_guard lock(mutex_);
     keyframe->id = static_cast<std::int64_t>(keyframes_.size());
     const Frame& frame = job.data->frame;
-    keyframes_.push_back(
-        {keyframe->id, segment_, frame.index, frame.time_ns, keyframe->camera_from_direct.Inverse(), true});
+    keyframes_.push_back({keyframe->id, segment_, frame.index, frame.time_ns, keyframe->camera_from_direct.Inverse(),
+                          true, job.reference, job.keyframe_from_camera});
     results_[job.position].keyframe = keyframe->id;
     results_[job.position].keyframe_from_camera = SE3();
   }
@@ -310,6 +312,7 @@ void Odometry::Impl::RequeueLost() {
 }
 
 void Odometry::Impl::FlushWindow() {
+  last_frame_ = {};
   {
     std::lock_guard lock(mutex_);
     for (int k = 0; k < window_.size(); ++k) {
