@@ -3,7 +3,26 @@
 #include <filesystem>
 #include <utility>
 
+#include "store/fault.h"
+
 namespace cairn::engine {
+namespace {
+
+// Only a map is overwritten, or an empty file, and only while nobody writes it.
+absl::StatusOr<std::unique_ptr<store::WriterLock>> LockReplaced(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) {
+    return absl::FailedPreconditionError(absl::StrCat(path, " is not a file: choose another name for the map"));
+  }
+  const absl::Status opened = store::MapFile::OpenReadOnly(path).status();
+  if (store::FaultOf(opened) == store::Fault::kNotAMap && std::filesystem::file_size(path, error) > 0) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, " is not a Cairn map and is not overwritten: choose another name, or delete it first"));
+  }
+  return store::WriterLock::Acquire(std::filesystem::weakly_canonical(std::filesystem::absolute(path), error).string());
+}
+
+}  // namespace
 
 absl::StatusOr<std::unique_ptr<MapWriter>> MapWriter::Create(const std::string& path, map::MapInfo info,
                                                              CreateOptions options) {
@@ -13,6 +32,9 @@ absl::StatusOr<std::unique_ptr<MapWriter>> MapWriter::Create(const std::string& 
         absl::StrCat(path, " exists already: choose another name, or ask to overwrite it (--overwrite)"));
   }
   std::unique_ptr<MapWriter> writer(new MapWriter);
+  if (std::filesystem::exists(path, error)) {
+    CAIRN_ASSIGN_OR_RETURN(writer->replaced_, LockReplaced(path));
+  }
   writer->path_ = path;
   writer->options_ = std::move(options);
   writer->initial_ = map::Snapshot::Empty(std::move(info));
@@ -31,6 +53,9 @@ absl::StatusOr<std::unique_ptr<MapWriter>> MapWriter::Open(const std::string& pa
 absl::Status MapWriter::CreateFile() {
   std::error_code error;
   const bool replaces = options_.overwrite && std::filesystem::exists(path_, error);
+  if (replaces && !replaced_) {
+    CAIRN_ASSIGN_OR_RETURN(replaced_, LockReplaced(path_));
+  }
   file_path_ = replaces ? path_ + ".new" : path_;
   store::CreateOptions create;
   create.overwrite = options_.overwrite;
@@ -69,6 +94,7 @@ absl::Status MapWriter::Replace() {
   // A write-ahead log that a killed writer left would be taken for the new map's: fold it into the old map first.
   std::error_code error;
   if (std::filesystem::exists(path_ + "-wal", error)) {
+    replaced_.reset();
     absl::StatusOr<std::unique_ptr<store::MapFile>> old = store::MapFile::Open(path_);
     if (old.ok()) CAIRN_RETURN_IF_ERROR((*old)->Close());
     std::filesystem::remove(path_ + "-wal", error);

@@ -12,6 +12,7 @@
 #include "base/status.h"
 #include "map/snapshot.h"
 #include "store/map_file.h"
+#include "store/writer_lock.h"
 
 namespace cairn::engine {
 
@@ -48,7 +49,8 @@ class MapWriter {
   absl::Status Replace();
 
   std::string path_;
-  std::string file_path_;  // where the file is written: `path_`, or beside it
+  std::string file_path_;                        // where the file is written: `path_`, or beside it
+  std::unique_ptr<store::WriterLock> replaced_;  // of the map that is to be overwritten
   CreateOptions options_;
   std::unique_ptr<store::MapFile> file_;
   std::shared_ptr<const map::Snapshot> initial_;

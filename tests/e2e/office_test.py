@@ -197,6 +197,37 @@ class Office(unittest.TestCase):
             self.assertIn(message, answer.json['error'])
         self.assertFalse((self.folder / 'x.cairn').exists())
 
+    def test_overwriting_never_destroys_an_input_or_a_file_that_is_no_map(self):
+        images = self.first / 'mav0' / 'cam0'
+        for output in (images / 'data.csv', sorted((images / 'data').glob('*.png'))[0]):
+            before = output.read_bytes()
+            for arguments in (('run', self.first, '--map', output),
+                              ('run', self.first, '--odometry-only', '--trajectory', output),
+                              ('localize', self.first, '--map', self.map, '--independent', '--out', output)):
+                answer = cairn(*arguments, '--overwrite')
+                self.assertEqual(answer.code, 1, answer.out + answer.err)
+                self.assertEqual(output.read_bytes(), before)
+        notes = self.folder / 'notes.txt'
+        notes.write_text('mine\n')
+        answer = cairn('run', self.first, '--map', notes, '--overwrite')
+        self.assertIn('not a Cairn map', answer.json['error'])
+        self.assertEqual(notes.read_text(), 'mine\n')
+        self.assertIn('is a folder', cairn('run', self.first, '--map', self.folder, '--overwrite').json['error'])
+
+    def test_a_map_that_is_being_written_is_not_overwritten(self):
+        path = self.folder / 'contended.cairn'
+        first = subprocess.Popen([BINARY, 'run', str(self.first), '--map', str(path), '--realtime', '--json'],
+                                 stdout=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 60
+        while not path.exists() and time.monotonic() < deadline and first.poll() is None:
+            time.sleep(0.05)
+        second = cairn('run', self.first, '--until', 3, '--map', path, '--overwrite')
+        report = first.communicate()[0]
+        self.assertEqual(first.returncode, 0)
+        self.assertEqual(second.code, 1)
+        self.assertIn('being written', second.json['error'])
+        self.assertEqual(json.loads(report)['keyframes'], must('info', path)['keyframes'])
+
     def test_images_of_another_place_are_not_located(self):
         elsewhere = self.folder / 'elsewhere'
         must('synth', 'office', '--seed', 99, '--duration', 1, '--out', elsewhere)

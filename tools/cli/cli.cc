@@ -3,11 +3,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <iostream>
 
+#include "absl/strings/match.h"
 #include "store/fault.h"
 
 namespace cairn::cli {
@@ -47,22 +51,61 @@ absl::Status CheckWritable(const std::string& path, bool overwrite) {
     return absl::AlreadyExistsError(
         absl::StrCat(path, " exists already: choose another name, or give --overwrite to replace it"));
   }
-  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
-  if (!folder.empty() && !std::filesystem::is_directory(folder, error)) {
+  if (path.empty()) return absl::OkStatus();
+  std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  if (folder.empty()) folder = ".";
+  if (!std::filesystem::is_directory(folder, error)) {
     return absl::NotFoundError(absl::StrCat("the folder of ", path, " does not exist: create it first"));
+  }
+  if (std::filesystem::is_directory(path, error)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " is a folder: name a file"));
+  }
+  if (access(folder.c_str(), W_OK) != 0) {
+    return absl::PermissionDeniedError(
+        absl::StrCat("the folder of ", path, " cannot be written: ", std::strerror(errno)));
   }
   return absl::OkStatus();
 }
 
+namespace {
+
+std::filesystem::path Real(const std::string& path) {
+  std::error_code error;
+  return std::filesystem::weakly_canonical(std::filesystem::absolute(path, error), error);
+}
+
+// A map, a trajectory or a drawing: what cairn itself may have written there before.
+bool MayBeOurs(const std::filesystem::path& path) {
+  std::string start(400, '\0');
+  std::ifstream(path, std::ios::binary).read(start.data(), static_cast<std::streamsize>(start.size()));
+  return absl::StartsWith(start, "SQLite format 3") || absl::StrContains(start, "# timestamp_s tx ty tz") ||
+         absl::StrContains(start, "<svg");
+}
+
+bool Within(const std::filesystem::path& path, const std::filesystem::path& folder) {
+  return std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first == folder.end();
+}
+
+}  // namespace
+
 absl::Status CheckDistinct(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs) {
   std::vector<std::filesystem::path> taken;
+  std::vector<std::filesystem::path> folders;
   std::error_code error;
   for (const std::string& input : inputs) {
-    if (!input.empty()) taken.push_back(std::filesystem::weakly_canonical(input, error));
+    if (input.empty()) continue;
+    taken.push_back(Real(input));
+    if (std::filesystem::is_directory(input, error)) folders.push_back(taken.back());
   }
   for (const std::string& output : outputs) {
     if (output.empty()) continue;
-    const std::filesystem::path path = std::filesystem::weakly_canonical(output, error);
+    const std::filesystem::path path = Real(output);
+    for (const std::filesystem::path& folder : folders) {
+      if (Within(path, folder) && std::filesystem::is_regular_file(path, error) && !MayBeOurs(path)) {
+        return absl::InvalidArgumentError(
+            absl::StrCat(output, " is part of the sequence, which is never overwritten: choose another name"));
+      }
+    }
     if (std::find(taken.begin(), taken.end(), path) != taken.end()) {
       return absl::InvalidArgumentError(
           absl::StrCat(output, " is named twice, or is an input: give each output a file of its own"));

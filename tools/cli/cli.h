@@ -35,10 +35,12 @@ int Fail(const std::string& verb, const absl::Status& status, bool json);
 // One line of JSON with keys in the order given.
 void PrintJson(const nlohmann::ordered_json& json);
 
-// OK if `path` may be written: it does not exist, or `overwrite`. The message names --overwrite.
+// OK if `path` may be written: its folder can be, and it does not exist, or is a file and `overwrite`. The message
+// names the remedy.
 absl::Status CheckWritable(const std::string& path, bool overwrite);
 
-// InvalidArgument if two outputs are the same file, or an output is one of the inputs; empty names count for nothing.
+// InvalidArgument if two outputs are the same file, or an output is one of the inputs, or a file in a folder
+// that is one (unless it looks like an earlier map, trajectory or drawing); empty names count for nothing.
 absl::Status CheckDistinct(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
 
 // InvalidArgument unless the name is empty or ends in .png or .svg.

@@ -84,9 +84,10 @@ void AddSynthCommand(CLI::App& app, Action* action) {
       ->capture_default_str();
   verb->add_option("--size", options->size_m, "Of the room, or of the corridor's outer wall, in metres: X Y")
       ->expected(2);
-  verb->add_option("--laps", options->laps, "Rounds; the preset's if not given");
-  verb->add_option("--rate", options->rate_hz, "Images per second; the preset's if not given");
-  verb->add_option("--duration", options->duration_s, "Stop after so many seconds");
+  verb->add_option("--laps", options->laps, "Rounds; the preset's if not given")->check(CLI::Range(0.05, 100.0));
+  verb->add_option("--rate", options->rate_hz, "Images per second; the preset's if not given")
+      ->check(CLI::Range(0.1, 1000.0));
+  verb->add_option("--duration", options->duration_s, "Stop after so many seconds")->check(CLI::Range(0.01, 1e6));
   verb->add_option("--effects", options->effects, "What spoils the images: " + Join(synth::EffectNames()))
       ->delimiter(',');
   verb->add_option("--threads", options->threads, "Images rendered at a time")->capture_default_str();

@@ -109,8 +109,9 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.map, options.overwrite));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.map, options.trajectory, options.keyframes, options.picture},
-                                      {options.input.open.camera_path, options.poses, options.vocabulary}));
+  CAIRN_RETURN_IF_ERROR(
+      CheckDistinct({options.map, options.trajectory, options.keyframes, options.picture},
+                    {options.input.sequence, options.input.open.camera_path, options.poses, options.vocabulary}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
   CAIRN_ASSIGN_OR_RETURN(place::Vocabulary vocabulary, options.vocabulary.empty()

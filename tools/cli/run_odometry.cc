@@ -69,7 +69,8 @@ absl::Status TrackSequence(const RunOptions& options, InterruptWatch* interrupt)
   for (const std::string* output : {&options.trajectory, &options.keyframes}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.trajectory, options.keyframes}, {options.input.open.camera_path}));
+  CAIRN_RETURN_IF_ERROR(
+      CheckDistinct({options.trajectory, options.keyframes}, {options.input.sequence, options.input.open.camera_path}));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
   engine::OdometrySessionOptions session_options;
   session_options.deterministic = options.session.deterministic;
