@@ -82,7 +82,7 @@ absl::Status MapReader::ReadTrajectories() {
   if (version < 2) return absl::OkStatus();
   std::vector<LoopRow> loops;
   std::vector<TrajectoryRow> trajectories;
-  CAIRN_RETURN_IF_ERROR(ReadTable<LoopRow>(kLoopsTable, [&](LoopRow&& row) { loops.push_back(std::move(row)); }));
+  CAIRN_RETURN_IF_ERROR(ReadTable<LoopRow>(kLoopsTable, [&](const LoopRow& row) { loops.push_back(row); }));
   CAIRN_RETURN_IF_ERROR(ReadTable<TrajectoryRow>(kTrajectoriesTable,
                                                  [&](TrajectoryRow&& row) { trajectories.push_back(std::move(row)); }));
   std::sort(loops.begin(), loops.end(), [](const LoopRow& a, const LoopRow& b) {
