@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_format.h"
 #include "direct/odometry_impl.h"
+#include "geometry/pose_spread.h"
 
 namespace cairn::direct {
 namespace {
@@ -28,12 +29,9 @@ void SpreadCorrection(const std::vector<KeyframePose>& keyframes, FrameResult* f
   if (frame->time_ns <= before.time_ns || frame->time_ns >= after.time_ns) return;
   const double share =
       static_cast<double>(frame->time_ns - before.time_ns) / static_cast<double>(after.time_ns - before.time_ns);
-  const SE3& tracked = after.reference_from_camera;
   const SE3 optimized = before.direct_from_camera.Inverse() * after.direct_from_camera;
-  const Quaterniond turned = tracked.rotation().slerp(share, optimized.rotation());
   frame->keyframe_from_camera =
-      SE3(turned * tracked.rotation().conjugate() * frame->keyframe_from_camera.rotation(),
-          frame->keyframe_from_camera.translation() + share * (optimized.translation() - tracked.translation()));
+      SpreadDifference(frame->keyframe_from_camera, after.reference_from_camera, optimized, share);
 }
 
 }  // namespace

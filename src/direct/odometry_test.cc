@@ -88,6 +88,14 @@ TEST(Odometry, FollowsASyntheticSceneAndTellsOfItsKeyframes) {
   const std::vector<KeyframePose> keyframes = odometry->KeyframeTrajectory();
   EXPECT_EQ(packets.size(), keyframes.size());
   EXPECT_GE(keyframes.size(), 4u);
+  EXPECT_EQ(keyframes.back().frame_index, results.back().index) << "nothing else corrects the last frames";
+  int tracked_keyframes = 0;
+  for (const KeyframePose& keyframe : keyframes) {
+    if (keyframe.reference < 0) continue;
+    ++tracked_keyframes;
+    EXPECT_LT(keyframe.reference, keyframe.keyframe);
+  }
+  EXPECT_GE(tracked_keyframes, 2);
   EXPECT_FALSE(odometry->PacketOf(0).ok());
   // Depths of a packet, at the scale of the path.
   const KeyframePacket& packet = packets.front();

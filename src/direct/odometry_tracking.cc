@@ -12,12 +12,12 @@ namespace cairn::direct {
 namespace {
 
 constexpr double kRotationStepRad = 0.02;
-constexpr double kGoodEnoughRmsRatio = 1.5;        // against the last frame: further hypotheses are not tried
-constexpr double kMaxLogGain = 1.2;                // against the reference; a black image fits any gain
-constexpr double kMaxVelocityRatio = 5.0;          // a gap is bridged by at most as many times the last motion
-constexpr std::size_t kMaxReferences = 8;          // tried when lost
-constexpr double kSureQuality = 0.8;               // from here on an alignment is believed without a second opinion
-constexpr double kMinAgreement = 0.25;             // of the textured cells: fewer and the image shows another place
+constexpr double kGoodEnoughRmsRatio = 1.5;  // against the last frame: further hypotheses are not tried
+constexpr double kMaxLogGain = 1.2;          // against the reference; a black image fits any gain
+constexpr double kMaxVelocityRatio = 5.0;    // a gap is bridged by at most as many times the last motion
+constexpr std::size_t kMaxReferences = 8;    // tried when lost
+constexpr double kSureQuality = 0.8;         // from here on an alignment is believed without a second opinion
+constexpr double kMinAgreement = 0.25;  // of the textured cells (see alignment_check.h): fewer and it is another place
 constexpr std::size_t kMaxSearchedReferences = 4;  // of those most similar to a lost frame
 
 SE3 Scaled(const SE3& motion, double factor) { return SE3::Exp(factor * motion.Log()); }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/pose_spread.h"
+
 namespace cairn::mapping {
 namespace {
 
@@ -11,11 +13,6 @@ SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale *
 // Pose of a camera at `from` moved by the direct motion to `to`.
 SE3 Carry(const TrajectoryKeyframe& from, const SE3& direct_from_camera, double scale) {
   return from.map_from_camera * Scaled(from.direct_from_camera.Inverse() * direct_from_camera, scale);
-}
-
-// Part `share` (0 to 1) of the left increment that moves `from` to `to`, applied to `from`, about the camera itself.
-SE3 Between(const SE3& from, const SE3& to, double share) {
-  return {from.rotation().slerp(share, to.rotation()), (1.0 - share) * from.translation() + share * to.translation()};
 }
 
 double Share(TimeNs begin, TimeNs at, TimeNs end) {
@@ -62,11 +59,8 @@ void FillGap(std::vector<TrajectoryKeyframe>& keyframes, std::size_t begin, std:
     const SE3 predicted = Carry(last, after.direct_from_camera, std::sqrt(last.map_per_direct * after.map_per_direct));
     for (std::size_t i = begin; i < end; ++i) {
       const double share = Share(keyframes[begin - 1].time_ns, keyframes[i].time_ns, after.time_ns);
-      // The correction at the far end, applied in part, in the map's axes.
-      const SE3 moved = Between(predicted, after.map_from_camera, share);
       SE3& pose = keyframes[i].map_from_camera;
-      pose = SE3(moved.rotation() * predicted.rotation().conjugate() * pose.rotation(),
-                 pose.translation() + moved.translation() - predicted.translation());
+      pose = SpreadDifference(pose, predicted, after.map_from_camera, share);
     }
     return;
   }
@@ -164,9 +158,8 @@ std::optional<SE3> FramePose(const std::vector<TrajectoryKeyframe>& keyframes, c
   const SE3 pose = reference.map_from_camera * Scaled(frame.keyframe_from_camera, scale);
   if (!has_next) return pose;
   const SE3 predicted = Carry(reference, next->direct_from_camera, scale);
-  const SE3 moved = Between(predicted, next->map_from_camera, Share(reference.time_ns, frame.time_ns, next->time_ns));
-  return SE3(moved.rotation() * predicted.rotation().conjugate() * pose.rotation(),
-             pose.translation() + moved.translation() - predicted.translation());
+  return SpreadDifference(pose, predicted, next->map_from_camera,
+                          Share(reference.time_ns, frame.time_ns, next->time_ns));
 }
 
 }  // namespace cairn::mapping
