@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "direct/frame_spread.h"
 #include "direct/odometry_impl.h"
-#include "geometry/pose_spread.h"
 
 namespace cairn::direct {
 namespace {
@@ -19,19 +19,6 @@ WindowOptions MakeWindowOptions(const OdometryOptions& options) {
   window.affine_b_sigma_gray = options.affine_b_sigma_gray;
   window.min_marginalization_hessian = options.min_marginalization_hessian;
   return window;
-}
-
-// See Odometry::FrameResults().
-void SpreadCorrection(const std::vector<KeyframePose>& keyframes, FrameResult* frame) {
-  const std::size_t next = static_cast<std::size_t>(frame->keyframe + 1);
-  if (frame->keyframe < 0 || next >= keyframes.size() || keyframes[next].reference != frame->keyframe) return;
-  const KeyframePose &before = keyframes[next - 1], &after = keyframes[next];
-  if (frame->time_ns <= before.time_ns || frame->time_ns >= after.time_ns) return;
-  const double share =
-      static_cast<double>(frame->time_ns - before.time_ns) / static_cast<double>(after.time_ns - before.time_ns);
-  const SE3 optimized = before.direct_from_camera.Inverse() * after.direct_from_camera;
-  frame->keyframe_from_camera =
-      SpreadDifference(frame->keyframe_from_camera, after.reference_from_camera, optimized, share);
 }
 
 }  // namespace

@@ -53,8 +53,8 @@ struct KeyframePose {
   TimeNs time_ns = 0;
   SE3 direct_from_camera;
   bool still_active = false;
-  // What tracking made of it before its window was optimized: its pose against the keyframe it was tracked against; -1
-  // for the first keyframes of a segment.
+  // What tracking (for the first keyframes: the start) made of it before its window was optimized: its pose against the
+  // keyframe it was tracked against; -1 for the first of a segment.
   std::int64_t reference = -1;
   SE3 reference_from_camera = SE3();
 };

@@ -190,6 +190,11 @@ bool Odometry::Impl::BuildFirstWindow(const StartResult& start, std::size_t refe
       const Frame& frame = keyframe.data->frame;
       keyframes_.push_back(
           {keyframe.id, segment_, frame.index, frame.time_ns, keyframe.camera_from_direct.Inverse(), true});
+      if (k == 0) continue;
+      // What the frames between are retracked by.
+      keyframes_.back().reference = window_.keyframe(k - 1).id;
+      keyframes_.back().reference_from_camera =
+          window_.keyframe(k - 1).camera_from_direct * keyframe.camera_from_direct.Inverse();
     }
   }
   return true;
@@ -240,8 +245,15 @@ void Odometry::Impl::RetrackRetained(const StartResult& start, std::size_t refer
         tracker_.Align(reference, *data, guess, reference.light,
                        PriorOf(data->frame, options_.affine_a_sigma, options_.affine_b_sigma_gray), never, rms);
     const bool good = Plausible(reference, *data, outcome);
-    StoreRetracked(retained_[i].position, reference.keyframe, (good ? outcome.new_from_reference : guess).Inverse(),
-                   good ? Quality(outcome) : 0.3);
+    // All hang on the keyframe before them, so that they follow both (direct/frame_spread.h).
+    std::size_t before = nearest;
+    SE3 pose = (good ? outcome.new_from_reference : guess).Inverse();
+    if (at[nearest] > i && nearest > 0) {
+      before = nearest - 1;
+      pose = window_.keyframe(static_cast<int>(before)).camera_from_direct *
+             window_.keyframe(static_cast<int>(nearest)).camera_from_direct.Inverse() * pose;
+    }
+    StoreRetracked(retained_[i].position, references[before]->keyframe, pose, good ? Quality(outcome) : 0.3);
   }
   // Before the reference: backwards against the first keyframe, until it is out of sight.
   SE3 guess, motion;

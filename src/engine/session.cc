@@ -2,6 +2,7 @@
 
 #include <mutex>
 #include <thread>
+#include <unordered_map>
 #include <utility>
 
 #include "base/bounded_queue.h"
@@ -80,6 +81,7 @@ class Session::Impl {
           absl::StrCat("no map was made: ", waited.empty() ? "there was no keyframe to map" : waited));
     }
     if (loops_) CAIRN_RETURN_IF_ERROR(loops_->Finish(mapper_.get()));
+    mapper_->ReviseDirectPoses(DirectPoses());
     CAIRN_RETURN_IF_ERROR(mapper_->Finish());
     const mapping::TrajectoryChoice choice = collinearity_.Choose(loops_ && !loops_->loops().empty());
     trajectory_ = {choice.refined, choice.keyframes, choice.collinear, choice.reason};
@@ -151,6 +153,15 @@ class Session::Impl {
   void StopThread() {
     backlog_.Close();
     if (thread_.joinable()) thread_.join();
+  }
+
+  // Packets of keyframes that were still active have poses that changed afterwards; the frames hang on the last ones.
+  std::unordered_map<std::int64_t, SE3> DirectPoses() const {
+    std::unordered_map<std::int64_t, SE3> poses;
+    for (const direct::KeyframePose& keyframe : runner_->odometry().KeyframeTrajectory()) {
+      poses[keyframe.keyframe] = keyframe.direct_from_camera;
+    }
+    return poses;
   }
 
   SessionReport Report() const {

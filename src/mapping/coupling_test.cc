@@ -148,6 +148,18 @@ TEST(KeyframeTrajectory, FillsGapsByScaledDirectMotion) {
   frame.keyframe = -1;
   EXPECT_FALSE(FramePose(resolved, frame));
 
+  // A packet of a keyframe that was still active: its pose is another one at the end, and the frames hang on that.
+  trajectory.ReviseDirectPoses({{2, SE3(Quaterniond::Identity(), Vector3d(4.4, 0, 0))}});
+  const auto revised = trajectory.Resolve(*map);
+  EXPECT_EQ(revised[1].direct_from_camera.translation(), resolved[1].direct_from_camera.translation());
+  EXPECT_EQ(revised[2].direct_from_camera.translation(), Vector3d(4.4, 0, 0));
+  frame.keyframe = 1;
+  frame.time_ns = FromSeconds(2.0) - 1;
+  frame.keyframe_from_camera = SE3(Quaterniond::Identity(), Vector3d(2.4, 0, 0));
+  const auto at_end = FramePose(revised, frame);
+  ASSERT_TRUE(at_end);
+  EXPECT_LT((at_end->translation() - revised[2].map_from_camera.translation()).norm(), 1e-6);
+
   // Culled: what hung on it moves to its heir and stays where it was.
   trajectory.Reattach(
       KeyframeId(2), KeyframeId(1),

@@ -147,6 +147,10 @@ absl::StatusOr<std::shared_ptr<const map::Snapshot>> FeatureMapper::CommitCorrec
   return impl_->map();
 }
 
+void FeatureMapper::ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& direct_from_camera) {
+  impl_->ReviseDirectPoses(direct_from_camera);
+}
+
 const tracking::PlaceDatabase* FeatureMapper::places() const { return impl_->places(); }
 const std::shared_ptr<const map::Snapshot>& FeatureMapper::map() const { return impl_->map(); }
 FeatureState FeatureMapper::state() const { return impl_->state(); }

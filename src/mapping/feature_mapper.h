@@ -86,6 +86,10 @@ class FeatureMapper {
   // poses of the keyframes that were not inserted refined once more against the final map.
   absl::Status Finish();
 
+  // What the direct module has made of its keyframes' poses since their packets, which may have come while it still
+  // worked on them: direct_from_camera by the number of the direct keyframe. Call before Trajectory() at the end.
+  void ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& direct_from_camera);
+
   // A change of the map that somebody else makes between two calls of Process(), such as closing a loop: commits it and
   // goes on from the map after it. `scales`: by how much lengths around keyframes have grown, 1 for those not named.
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> CommitCorrection(

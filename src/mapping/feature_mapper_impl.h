@@ -56,6 +56,8 @@ class FeatureMapper::Impl {
 
   absl::Status CommitCorrection(map::Delta delta, const std::unordered_map<KeyframeId, double>& scales);
 
+  void ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& poses) { trajectory_.ReviseDirectPoses(poses); }
+
   const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
   const tracking::PlaceDatabase* places() const { return places_ ? &*places_ : nullptr; }
   FeatureState state() const { return state_; }

@@ -97,6 +97,13 @@ void KeyframeTrajectory::Reattach(KeyframeId culled, KeyframeId heir, const SE3&
   }
 }
 
+void KeyframeTrajectory::ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& direct_from_camera) {
+  for (Entry& entry : entries_) {
+    const auto pose = direct_from_camera.find(entry.direct_keyframe);
+    if (pose != direct_from_camera.end()) entry.direct_from_camera = pose->second;
+  }
+}
+
 void KeyframeTrajectory::Rescale(const std::unordered_map<KeyframeId, double>& scales) {
   for (Entry& entry : entries_) {
     const auto scale = scales.find(entry.reference);

@@ -56,6 +56,9 @@ class KeyframeTrajectory {
   // culling).
   void Reattach(KeyframeId culled, KeyframeId heir, const SE3& heir_from_culled);
 
+  // The direct module's later poses of its keyframes, by their number; those not named stay.
+  void ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& direct_from_camera);
+
   // Lengths in the map around these keyframes have grown by the factors given: what hangs on them goes along.
   void Rescale(const std::unordered_map<KeyframeId, double>& scales);
 
