@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "image/hamming.h"
@@ -158,6 +159,45 @@ std::vector<std::uint32_t> FeatureGrid::Query(double x_px, double y_px, double r
   std::vector<std::uint32_t> out;
   Query(x_px, y_px, radius_px, min_octave, max_octave, &out);
   return out;
+}
+
+void FeatureGrid::QuerySegment(double begin_x_px, double begin_y_px, double end_x_px, double end_y_px,
+                               double half_width_px, int min_octave, int max_octave,
+                               std::vector<std::uint32_t>* out) const {
+  out->clear();
+  const double dx = end_x_px - begin_x_px, dy = end_y_px - begin_y_px;
+  const double length_squared = dx * dx + dy * dy;
+  if (entries_.empty() || !(half_width_px >= 0.0) || !std::isfinite(length_squared)) return;
+  const double inverse_squared = length_squared > 1e-18 ? 1.0 / length_squared : 0.0;
+  const auto cell = [&](double position_px, int count) {
+    return static_cast<int>(std::clamp(std::floor(position_px * inverse_cell_), 0.0, count - 1.0));
+  };
+  const int first_row = cell(std::min(begin_y_px, end_y_px) - half_width_px, rows_);
+  const int last_row = cell(std::max(begin_y_px, end_y_px) + half_width_px, rows_);
+  for (int row = first_row; row <= last_row; ++row) {
+    // The part of the segment that comes near this row of cells; the border rows reach to infinity, as their cells do.
+    double from = 0.0, to = 1.0;
+    if (std::abs(dy) > 1e-9) {
+      const double top = row == 0 ? -std::numeric_limits<double>::infinity() : row / inverse_cell_;
+      const double bottom = row == rows_ - 1 ? std::numeric_limits<double>::infinity() : (row + 1) / inverse_cell_;
+      const double a = (top - half_width_px - begin_y_px) / dy, b = (bottom + half_width_px - begin_y_px) / dy;
+      from = std::max(from, std::min(a, b));
+      to = std::min(to, std::max(a, b));
+      if (from > to) continue;
+    }
+    const double x_a = begin_x_px + from * dx, x_b = begin_x_px + to * dx;
+    const int first_column = cell(std::min(x_a, x_b) - half_width_px, columns_);
+    const int last_column = cell(std::max(x_a, x_b) + half_width_px, columns_);
+    const std::size_t base = static_cast<std::size_t>(row) * columns_;
+    for (std::uint32_t i = cell_begin_[base + first_column]; i < cell_begin_[base + last_column + 1]; ++i) {
+      const Entry& entry = entries_[i];
+      if (static_cast<int>(entry.octave) < min_octave || static_cast<int>(entry.octave) > max_octave) continue;
+      const double px = entry.x_px - begin_x_px, py = entry.y_px - begin_y_px;
+      const double along = std::clamp((px * dx + py * dy) * inverse_squared, 0.0, 1.0);
+      const double ex = px - along * dx, ey = py - along * dy;
+      if (ex * ex + ey * ey <= half_width_px * half_width_px) out->push_back(entry.index);
+    }
+  }
 }
 
 std::vector<FeatureMatch> MatchInWindows(const Features& a, std::span<const FeatureWindow> windows, const Features& b,

@@ -83,6 +83,9 @@ class FeatureGrid {
              std::vector<std::uint32_t>* out) const;
   std::vector<std::uint32_t> Query(double x_px, double y_px, double radius_px, int min_octave = 0,
                                    int max_octave = 255) const;
+  // Likewise those not further than half_width_px from the segment between two positions, each once.
+  void QuerySegment(double begin_x_px, double begin_y_px, double end_x_px, double end_y_px, double half_width_px,
+                    int min_octave, int max_octave, std::vector<std::uint32_t>* out) const;
 
   std::size_t size() const { return entries_.size(); }
 

@@ -166,6 +166,42 @@ TEST(FeatureGrid, AnswersLikeAScan) {
   EXPECT_THAT(FeatureGrid().Query(0, 0, 10), IsEmpty());
 }
 
+TEST(FeatureGrid, FindsWhatIsNearASegment) {
+  Random random(5);
+  std::vector<Keypoint> keypoints;
+  for (int i = 0; i < 800; ++i) {
+    keypoints.push_back({static_cast<float>(random.Uniform(-40, 680)), static_cast<float>(random.Uniform(-40, 520)),
+                         0.0f, static_cast<std::uint8_t>(random.Below(8))});
+  }
+  const FeatureGrid grid(keypoints, 640, 480);
+  std::size_t total = 0;
+  for (int i = 0; i < 300; ++i) {
+    const double x0 = random.Uniform(-60, 700), y0 = random.Uniform(-60, 540), width = random.Uniform(0, 40);
+    // Some level, some upright, some of no length.
+    const double x1 = i % 5 == 0 ? x0 : random.Uniform(-60, 700), y1 = i % 7 == 0 ? y0 : random.Uniform(-60, 540);
+    const int low = static_cast<int>(random.Below(8)), high = low + static_cast<int>(random.Below(4));
+    std::vector<std::uint32_t> expected;
+    for (std::uint32_t k = 0; k < keypoints.size(); ++k) {
+      const double dx = x1 - x0, dy = y1 - y0, px = keypoints[k].x_px - x0, py = keypoints[k].y_px - y0;
+      const double squared = dx * dx + dy * dy;
+      const double along = squared > 0.0 ? std::clamp((px * dx + py * dy) / squared, 0.0, 1.0) : 0.0;
+      if (std::hypot(px - along * dx, py - along * dy) <= width && keypoints[k].octave >= low &&
+          keypoints[k].octave <= high) {
+        expected.push_back(k);
+      }
+    }
+    std::vector<std::uint32_t> found;
+    grid.QuerySegment(x0, y0, x1, y1, width, low, high, &found);
+    std::sort(found.begin(), found.end());
+    EXPECT_EQ(found, expected);
+    total += found.size();
+  }
+  EXPECT_GT(total, 1000u);
+  std::vector<std::uint32_t> found = {1};
+  grid.QuerySegment(0, 0, std::nan(""), 0, 10, 0, 8, &found);
+  EXPECT_THAT(found, IsEmpty());
+}
+
 TEST(MatchInWindows, LooksOnlyInside) {
   Features a, b;
   MakePair(200, 10, 0.0f, &a, &b);

@@ -13,7 +13,6 @@ namespace {
 
 constexpr double kMaxRollErrorRad = 0.7;  // of keypoint orientations against the roll that the poses tell
 constexpr int kOctaves = 2;               // by which the two features of a match may differ
-constexpr double kStepPx = 10.0;          // between the circles that cover an epipolar segment
 
 Vector2d PixelOf(const image::Keypoint& keypoint) { return {keypoint.x_px, keypoint.y_px}; }
 
@@ -103,37 +102,33 @@ class EpipolarMatcher {
     const double length = along.norm();
     const Vector2d direction = length > 1e-9 ? Vector2d(along / length) : Vector2d(1.0, 0.0);
     const Vector2d normal(-direction.y(), direction.x());
-    const int steps = static_cast<int>(std::ceil(length / kStepPx));
     const int coarsest = std::min(keypoint.octave + kOctaves, static_cast<int>(sigma_.size()) - 1);
-    const double half_width = std::sqrt(options_.max_epipolar_chi_square) * Sigma(coarsest);
-    const double radius = std::hypot(half_width, 0.5 * kStepPx);
-
+    // Beyond its ends by the three sigmas that are allowed below.
+    const double widest = Sigma(coarsest), beyond = 3.0 * widest;
+    const double half_width = std::sqrt(options_.max_epipolar_chi_square) * widest;
+    const Vector2d begin = segment->begin - beyond * direction, end = segment->end + beyond * direction;
+    grid_b_.QuerySegment(begin.x(), begin.y(), end.x(), end.y(), half_width, keypoint.octave - kOctaves,
+                         keypoint.octave + kOctaves, &nearby_);
     image::BestTwo best;
-    for (int step = 0; step <= steps; ++step) {
-      const Vector2d at =
-          steps > 0 ? Vector2d(segment->begin + along * (static_cast<double>(step) / steps)) : segment->begin;
-      grid_b_.Query(at.x(), at.y(), radius, keypoint.octave - kOctaves, keypoint.octave + kOctaves, &nearby_);
-      for (const std::uint32_t in_grid : nearby_) {
-        const std::uint32_t other = open_[in_grid];
-        if (other == best.index) continue;
-        const image::Keypoint& candidate = pair_.b.keypoints()[other];
-        const Vector2d offset = PixelOf(candidate) - segment->begin;
-        const double sigma = Sigma(candidate.octave);
-        const double across = normal.dot(offset), position = direction.dot(offset);
-        if (across * across > options_.max_epipolar_chi_square * sigma * sigma) continue;
-        if (position < -3.0 * sigma || position > length + 3.0 * sigma) continue;
-        if (std::abs(WrapAngle(candidate.angle_rad - keypoint.angle_rad - pair_.roll_rad)) > kMaxRollErrorRad) continue;
-        const int distance = image::HammingDistance(pair_.a.descriptors()[feature], pair_.b.descriptors()[other]);
-        // A feature met again in the next circle is no rival of itself, nor is its double in another octave.
-        if (best.index != image::kNoFeature && SamePlace(best.index, other)) {
-          if (distance < best.distance) {
-            best.distance = distance;
-            best.index = other;
-          }
-          continue;
+    for (const std::uint32_t in_grid : nearby_) {
+      const std::uint32_t other = open_[in_grid];
+      const image::Keypoint& candidate = pair_.b.keypoints()[other];
+      const Vector2d offset = PixelOf(candidate) - segment->begin;
+      const double sigma = Sigma(candidate.octave);
+      const double across = normal.dot(offset), position = direction.dot(offset);
+      if (across * across > options_.max_epipolar_chi_square * sigma * sigma) continue;
+      if (position < -3.0 * sigma || position > length + 3.0 * sigma) continue;
+      if (std::abs(WrapAngle(candidate.angle_rad - keypoint.angle_rad - pair_.roll_rad)) > kMaxRollErrorRad) continue;
+      const int distance = image::HammingDistance(pair_.a.descriptors()[feature], pair_.b.descriptors()[other]);
+      // The double of a feature in another octave is no rival of it.
+      if (best.index != image::kNoFeature && SamePlace(best.index, other)) {
+        if (distance < best.distance) {
+          best.distance = distance;
+          best.index = other;
         }
-        best.Add(other, distance);
+        continue;
       }
+      best.Add(other, distance);
     }
     if (!best.Accept(options_.max_distance, options_.max_ratio)) return std::nullopt;
     return Candidate{feature, best.index, best.distance};
