@@ -169,6 +169,10 @@ void FeatureGrid::QuerySegment(double begin_x_px, double begin_y_px, double end_
   const double length_squared = dx * dx + dy * dy;
   if (entries_.empty() || !(half_width_px >= 0.0) || !std::isfinite(length_squared)) return;
   const double inverse_squared = length_squared > 1e-18 ? 1.0 / length_squared : 0.0;
+  const int low_octave = std::max(min_octave, 0);
+  if (max_octave < low_octave) return;
+  const auto octaves = static_cast<std::uint32_t>(max_octave - low_octave);
+  std::size_t kept = 0;
   const auto cell = [&](double position_px, int count) {
     return static_cast<int>(std::clamp(std::floor(position_px * inverse_cell_), 0.0, count - 1.0));
   };
@@ -189,14 +193,20 @@ void FeatureGrid::QuerySegment(double begin_x_px, double begin_y_px, double end_
     const int first_column = cell(std::min(x_a, x_b) - half_width_px, columns_);
     const int last_column = cell(std::max(x_a, x_b) + half_width_px, columns_);
     const std::size_t base = static_cast<std::size_t>(row) * columns_;
-    for (std::uint32_t i = cell_begin_[base + first_column]; i < cell_begin_[base + last_column + 1]; ++i) {
+    const std::uint32_t begin = cell_begin_[base + first_column], end = cell_begin_[base + last_column + 1];
+    out->resize(kept + (end - begin));
+    std::uint32_t* const found = out->data();
+    for (std::uint32_t i = begin; i < end; ++i) {
       const Entry& entry = entries_[i];
-      if (static_cast<int>(entry.octave) < min_octave || static_cast<int>(entry.octave) > max_octave) continue;
       const double px = entry.x_px - begin_x_px, py = entry.y_px - begin_y_px;
-      const double along = std::clamp((px * dx + py * dy) * inverse_squared, 0.0, 1.0);
+      const double along = std::min(std::max((px * dx + py * dy) * inverse_squared, 0.0), 1.0);
       const double ex = px - along * dx, ey = py - along * dy;
-      if (ex * ex + ey * ey <= half_width_px * half_width_px) out->push_back(entry.index);
+      // Without a branch, which would be guessed wrongly every other time.
+      found[kept] = entry.index;
+      kept += static_cast<std::size_t>(ex * ex + ey * ey <= half_width_px * half_width_px) &
+              static_cast<std::size_t>(entry.octave - static_cast<std::uint32_t>(low_octave) <= octaves);
     }
+    out->resize(kept);
   }
 }
 
