@@ -1,7 +1,6 @@
 #include "map/edit.h"
 
 #include <algorithm>
-#include <map>
 #include <utility>
 
 #include "map/viewing.h"
@@ -243,15 +242,23 @@ void Edit::SetEdge(KeyframeId from, KeyframeId to, int shared_points) {
 }
 
 void Edit::UpdateCovisibility(KeyframeId id) {
-  std::map<KeyframeId, int> shared;
+  // Per keyframe by id; zero between calls.
+  shared_.resize(next_keyframe_.value(), 0);
+  std::vector<KeyframeId> others;
   for (const PointId point_id : keyframe(id).points) {
     if (!point_id) continue;
     for (const Observation& observation : point(point_id).observations) {
-      if (observation.keyframe != id) ++shared[observation.keyframe];
+      if (observation.keyframe != id && shared_[observation.keyframe.value()]++ == 0) {
+        others.push_back(observation.keyframe);
+      }
     }
   }
-  for (const CovisibilityEdge& edge : keyframe(id).covisible) shared.try_emplace(edge.keyframe, 0);
-  for (const auto& [other, count] : shared) {
+  for (const CovisibilityEdge& edge : keyframe(id).covisible) {
+    if (shared_[edge.keyframe.value()] == 0) others.push_back(edge.keyframe);
+  }
+  std::sort(others.begin(), others.end());
+  for (const KeyframeId other : others) {
+    const int count = std::exchange(shared_[other.value()], 0);
     const int kept = count >= kMinStoredSharedPoints ? count : 0;
     SetEdge(id, other, kept);
     SetEdge(other, id, kept);

@@ -88,6 +88,7 @@ class Edit {
   std::unordered_map<KeyframeId, std::shared_ptr<Keyframe>> keyframes_;
   std::unordered_map<PointId, std::shared_ptr<MapPoint>> points_;
   std::set<KeyframeId> stale_covisibility_;
+  std::vector<int> shared_;  // of UpdateCovisibility()
   std::unordered_map<PointId, Stale> stale_points_;
   std::unordered_map<KeyframeId, KeyframeId> link_if_alone_;
   KeyframeId next_keyframe_;

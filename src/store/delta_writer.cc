@@ -50,10 +50,10 @@ absl::Status CheckKeyframe(const map::Keyframe& keyframe) {
 }
 
 absl::Status CheckPoint(const map::MapPoint& point) {
-  const std::string name = absl::StrCat("point ", point.id.value());
-  if (!point.position.allFinite()) return Rejected(name + " has no finite position");
+  const auto rejected = [&](const char* why) { return Rejected(absl::StrCat("point ", point.id.value(), why)); };
+  if (!point.position.allFinite()) return rejected(" has no finite position");
   const auto seen = std::find(point.observations.begin(), point.observations.end(), point.reference);
-  if (seen == point.observations.end()) return Rejected(name + " refers to an observation that it does not have");
+  if (seen == point.observations.end()) return rejected(" refers to an observation that it does not have");
   return absl::OkStatus();
 }
 
@@ -92,8 +92,8 @@ absl::StatusOr<std::unique_ptr<DeltaWriter>> DeltaWriter::Prepare(Database* data
       {&writer->select_point_ids_, "SELECT point_ids FROM keyframe_points WHERE keyframe = ?"},
       {&writer->put_point_ids_, kKeyframePointsTable.UpsertSql()},
       {&writer->delete_point_ids_, "DELETE FROM keyframe_points WHERE keyframe = ?"},
-      {&writer->select_point_, kPointsTable.SelectSql("WHERE id = ?")},
       {&writer->put_point_, kPointsTable.UpsertSql()},
+      {&writer->update_point_, kPointsTable.UpdateSql()},
       {&writer->delete_point_, "DELETE FROM points WHERE id = ?"},
       {&writer->select_edges_,
        "SELECT keyframe_b, shared_points FROM covisibility WHERE keyframe_a = ?1 UNION ALL "
@@ -313,8 +313,14 @@ absl::Status DeltaWriter::PutPoint(const map::MapPoint& point, MapRow* map_row) 
   CAIRN_RETURN_IF_ERROR(CheckPoint(point));
   const bool is_new = !(point.id < map_row->next_point);
   if (is_new) ++map_row->point_count;
-  const PointRow row{point.id, point.position, point.reference.keyframe, point.times_visible, point.times_found};
-  return PutRow(RowOf(row), point.id.value(), is_new, "point", &select_point_, &put_point_);
+  const PointRow value{point.id, point.position, point.reference.keyframe, point.times_visible, point.times_found};
+  const Row row = RowOf(value);
+  // Nearly every point of a change is a changed one: to read it first would cost more than to write it.
+  Statement& statement = is_new ? put_point_ : update_point_;
+  row.BindWithChecksum(&statement);
+  CAIRN_RETURN_IF_ERROR(statement.Run());
+  if (is_new || database_->Changes() == 1) return absl::OkStatus();
+  return Rejected(absl::StrCat("point ", point.id.value(), " was removed earlier, or never existed"));
 }
 
 absl::Status DeltaWriter::LogChange(const map::Delta& delta, std::int64_t now_unix_ns) {

@@ -48,7 +48,7 @@ class DeltaWriter {
   Statement select_keyframe_, put_keyframe_, delete_keyframe_;
   Statement put_features_, count_features_, delete_features_;
   Statement select_point_ids_, put_point_ids_, delete_point_ids_;
-  Statement select_point_, put_point_, delete_point_;
+  Statement put_point_, update_point_, delete_point_;
   Statement select_edges_, put_edge_, delete_edge_, delete_edges_;
   Statement put_change_, prune_changes_;
 };

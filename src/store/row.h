@@ -19,7 +19,7 @@ inline Bytes AsBytes(absl::string_view text) {
 // Text and blobs are views: they must outlive the row, but for TextCopy().
 class Row {
  public:
-  Row() = default;
+  Row() { cells_.reserve(16); }
   Row(Row&&) = default;
   Row& operator=(Row&&) = default;
 

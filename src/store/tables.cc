@@ -185,6 +185,17 @@ std::string TableSpec::UpsertSql() const {
   return sql + absl::StrJoin(columns.subspan(num_keys), ", ", assign);
 }
 
+std::string TableSpec::UpdateSql() const {
+  std::string sql = absl::StrCat("UPDATE ", name, " SET ");
+  for (std::size_t i = num_keys; i < columns.size(); ++i) {
+    absl::StrAppend(&sql, i > num_keys ? ", " : "", columns[i], " = ?", i + 1);
+  }
+  for (std::size_t i = 0; i < num_keys; ++i) {
+    absl::StrAppend(&sql, i > 0 ? " AND " : " WHERE ", columns[i], " = ?", i + 1);
+  }
+  return sql;
+}
+
 // --- map ---
 
 Row RowOf(const MapRow& value) {

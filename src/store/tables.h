@@ -21,6 +21,8 @@ struct TableSpec {
   std::string SelectSql(absl::string_view rest) const;
   // Inserts the row, or replaces everything but the key where there is one.
   std::string UpsertSql() const;
+  // Replaces everything but the key of the row, if there is one.
+  std::string UpdateSql() const;
 };
 
 // With row_checksum as the last column.
