@@ -7,36 +7,30 @@
 #include <deque>
 #include <limits>
 
+#include "base/cpu_features.h"
 #include "optimization/ceres_costs.h"
+#include "optimization/schur_kernel.h"
 
 namespace cairn::optimization::internal {
 namespace {
 
-using Matrix63d = Eigen::Matrix<double, 6, 3>;
+// A padded column or block of the kernels.
+using PaddedMap = Eigen::Map<Matrix6d, 0, Eigen::OuterStride<kPadded>>;
+using PaddedColumn = Eigen::Map<Vector6d>;
 
 constexpr double kFirstDamping = 1e-4;  // share of the diagonal
 constexpr double kMaxDamping = 1e8;
 constexpr double kMinDiagonal = 1e-9;  // added to each, so that what no residual moves stays
 
-// One observation, in the order of the points.
-struct Sight {
-  std::uint32_t pose = 0;
-  std::int32_t free = -1;  // index among the free poses
-  double u = 0.0, v = 0.0;
-  double weight = 1.0;  // 1 / sigma
-};
-
-struct CameraState {
-  Matrix3d rotation;
-  Vector3d translation;
-  const Pinhole* pinhole = nullptr;
-};
-
 class Solver {
  public:
   Solver(const BundleProblem& problem, std::span<const std::uint8_t> used, const SchurOptions& options,
          std::vector<SE3>* poses, std::vector<Vector3d>* points)
-      : problem_(problem), options_(options), poses_(*poses), points_(*points) {
+      : problem_(problem),
+        options_(options),
+        kernel_(SchurKernelFor(ActiveSimdLevel())),
+        poses_(*poses),
+        points_(*points) {
     for (std::size_t i = 0; i < poses_.size(); ++i) {
       free_of_.push_back(problem.poses[i].fixed ? -1 : static_cast<std::int32_t>(pose_of_.size()));
       if (!problem.poses[i].fixed) pose_of_.push_back(static_cast<std::uint32_t>(i));
@@ -97,13 +91,32 @@ class Solver {
       const BundleObservation& o = problem_.observations[i];
       sights_[at[o.point]++] = {o.pose, free_of_[o.pose], o.pixel.x(), o.pixel.y(), 1.0 / o.sigma_px};
     }
-    cross_.resize(sights_.size());
+    // Free poses first, ascending: as unsigned, what is fixed is the greatest.
+    const auto order = [](const SchurSight& s) { return static_cast<std::uint32_t>(s.free); };
+    free_count_.assign(points_.size(), 0);
+    for (std::size_t p = 0; p < points_.size(); ++p) {
+      std::sort(sights_.begin() + begin_[p], sights_.begin() + begin_[p + 1],
+                [&](const SchurSight& a, const SchurSight& b) { return order(a) < order(b); });
+      for (std::uint32_t i = begin_[p]; i < begin_[p + 1]; ++i) free_count_[p] += sights_[i].free >= 0 ? 1 : 0;
+    }
+    cross_.resize(sights_.size() * kCrossBlock);
   }
+
+  SchurPoint PointAt(std::size_t p) const {
+    return {sights_.data() + begin_[p], static_cast<int>(begin_[p + 1] - begin_[p]), free_count_[p]};
+  }
+  double* CrossOf(std::size_t p) { return cross_.data() + static_cast<std::size_t>(begin_[p]) * kCrossBlock; }
+  PaddedMap PoseHessian(std::size_t c) { return PaddedMap(pose_hessian_.data() + c * kPoseBlock); }
+  PaddedColumn PoseGradient(std::size_t c) { return PaddedColumn(pose_gradient_.data() + c * kPadded); }
 
   void SetCameras(const std::vector<SE3>& poses) {
     cameras_.resize(poses.size());
     for (std::size_t i = 0; i < poses.size(); ++i) {
-      cameras_[i] = {poses[i].RotationMatrix(), poses[i].translation(), &problem_.cameras[problem_.poses[i].camera]};
+      SchurCamera& camera = cameras_[i];
+      Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(camera.rotation) = poses[i].RotationMatrix();
+      Eigen::Map<Vector3d>(camera.translation) = poses[i].translation();
+      const Pinhole& pinhole = problem_.cameras[problem_.poses[i].camera];
+      camera.fx = pinhole.fx_px, camera.fy = pinhole.fy_px, camera.cx = pinhole.cx_px, camera.cy = pinhole.cy_px;
     }
   }
 
@@ -114,12 +127,18 @@ class Solver {
     double sum = 0.0;
     for (std::size_t p = 0; p < points.size(); ++p) {
       for (std::uint32_t i = begin_[p]; i < begin_[p + 1]; ++i) {
-        const Sight& sight = sights_[i];
-        const CameraState& camera = cameras_[sight.pose];
-        const Vector3d point_c = camera.rotation * points[p] + camera.translation;
-        if (!InFront(point_c)) return std::numeric_limits<double>::infinity();
-        const Vector2d residual = sight.weight * ReprojectionResidual(*camera.pinhole, point_c, {sight.u, sight.v});
-        const double chi2 = residual.squaredNorm();
+        const SchurSight& sight = sights_[i];
+        const SchurCamera& camera = cameras_[sight.pose];
+        const double* r = camera.rotation;
+        const Vector3d& at = points[p];
+        const double x = r[0] * at.x() + r[1] * at.y() + r[2] * at.z() + camera.translation[0];
+        const double y = r[3] * at.x() + r[4] * at.y() + r[5] * at.z() + camera.translation[1];
+        const double z = r[6] * at.x() + r[7] * at.y() + r[8] * at.z() + camera.translation[2];
+        if (!InFront({x, y, z})) return std::numeric_limits<double>::infinity();
+        const double iz = 1.0 / z;
+        const double eu = sight.weight * (camera.fx * x * iz + camera.cx - sight.u);
+        const double ev = sight.weight * (camera.fy * y * iz + camera.cy - sight.v);
+        const double chi2 = eu * eu + ev * ev;
         sum += options_.huber_threshold > 0.0 ? loss.Value(chi2) : chi2;
       }
     }
@@ -136,30 +155,13 @@ class Solver {
 
   void Linearize() {
     SetCameras(poses_);
-    pose_hessian_.assign(pose_of_.size(), Matrix6d::Zero());
-    pose_gradient_.assign(pose_of_.size(), Vector6d::Zero());
-    point_hessian_.assign(points_.size(), Matrix3d::Zero());
-    point_gradient_.assign(points_.size(), Vector3d::Zero());
-    const HuberLoss loss{options_.huber_threshold};
+    pose_hessian_.assign(pose_of_.size() * kPoseBlock, 0.0);
+    pose_gradient_.assign(pose_of_.size() * kPadded, 0.0);
+    point_hessian_.resize(points_.size());
+    point_gradient_.resize(points_.size());
     for (std::size_t p = 0; p < points_.size(); ++p) {
-      for (std::uint32_t i = begin_[p]; i < begin_[p + 1]; ++i) {
-        const Sight& sight = sights_[i];
-        const CameraState& camera = cameras_[sight.pose];
-        const Vector3d point_c = camera.rotation * points_[p] + camera.translation;
-        const Vector2d residual = ReprojectionResidual(*camera.pinhole, point_c, {sight.u, sight.v});
-        double weight = sight.weight * sight.weight;
-        if (options_.huber_threshold > 0.0) weight *= loss.Weight(weight * residual.squaredNorm());
-        const Matrix23d by_point = ReprojectionByPoint(*camera.pinhole, camera.rotation, point_c);
-        const Matrix23d weighted = weight * by_point;
-        point_hessian_[p].noalias() += weighted.transpose() * by_point;
-        point_gradient_[p].noalias() += weighted.transpose() * residual;
-        if (sight.free < 0) continue;
-        const Matrix26d by_pose = ReprojectionByPose(*camera.pinhole, point_c);
-        const Matrix26d weighted_pose = weight * by_pose;
-        pose_hessian_[sight.free].noalias() += weighted_pose.transpose() * by_pose;
-        pose_gradient_[sight.free].noalias() += weighted_pose.transpose() * residual;
-        cross_[i].noalias() = by_pose.transpose() * weighted;
-      }
+      kernel_.linearize(PointAt(p), cameras_.data(), points_[p].data(), options_.huber_threshold, pose_hessian_.data(),
+                        pose_gradient_.data(), point_hessian_[p].data(), point_gradient_[p].data(), CrossOf(p));
     }
     for (std::size_t i = 0; i < priors_.size(); ++i) AddPrior(i);
   }
@@ -175,21 +177,16 @@ class Solver {
     double* jacobians[1] = {jacobian.data()};
     priors_[index].Evaluate(parameters, residual.data(), jacobians);
     const Matrix6d j = jacobian.leftCols<6>();
-    pose_hessian_[free_of_[pose]] += j.transpose() * j;
-    pose_gradient_[free_of_[pose]] += j.transpose() * residual;
+    PoseHessian(free_of_[pose]) += j.transpose() * j;
+    PoseGradient(free_of_[pose]) += j.transpose() * residual;
   }
 
   // The trial poses and points, and by how much the cost should fall.
   bool Step(double damping, double* predicted) {
-    const auto n = static_cast<Eigen::Index>(6 * pose_of_.size());
-    reduced_.setZero(n, n);
-    right_.setZero(n);
-    for (Eigen::Index c = 0; c < n / 6; ++c) {
-      Matrix6d block = pose_hessian_[c];
-      block.diagonal() += damping * block.diagonal() + Vector6d::Constant(kMinDiagonal);
-      reduced_.block<6, 6>(6 * c, 6 * c) = block;
-      right_.segment<6>(6 * c) = -pose_gradient_[c];
-    }
+    const std::size_t free = pose_of_.size();
+    const auto n = static_cast<Eigen::Index>(6 * free);
+    blocks_.assign(free * (free + 1) / 2 * kPoseBlock, 0.0);
+    column_.assign(free * kPadded, 0.0);
     inverse_.resize(points_.size());
     for (std::size_t p = 0; p < points_.size(); ++p) {
       if (begin_[p] == begin_[p + 1]) continue;
@@ -197,18 +194,21 @@ class Solver {
       block.diagonal() += damping * block.diagonal() + Vector3d::Constant(kMinDiagonal);
       inverse_[p] = block.inverse();
       if (!inverse_[p].allFinite()) return false;
-      for (std::uint32_t i = begin_[p]; i < begin_[p + 1]; ++i) {
-        if (sights_[i].free < 0) continue;
-        const Matrix63d eliminated = cross_[i] * inverse_[p];
-        const Eigen::Index row = 6 * sights_[i].free;
-        right_.segment<6>(row).noalias() += eliminated * point_gradient_[p];
-        for (std::uint32_t j = begin_[p]; j < begin_[p + 1]; ++j) {
-          const Eigen::Index column = 6 * sights_[j].free;
-          // The lower triangle is enough.
-          if (sights_[j].free < 0 || column > row) continue;
-          reduced_.block<6, 6>(row, column).noalias() -= eliminated.lazyProduct(cross_[j].transpose());
-        }
+      kernel_.eliminate(PointAt(p), inverse_[p].data(), point_gradient_[p].data(), CrossOf(p), blocks_.data(),
+                        column_.data());
+    }
+    reduced_.resize(n, n);  // the lower triangle is enough
+    right_.resize(n);
+    for (std::size_t row = 0; row < free; ++row) {
+      const auto at = static_cast<Eigen::Index>(6 * row);
+      for (std::size_t column = 0; column <= row; ++column) {
+        reduced_.block<6, 6>(at, static_cast<Eigen::Index>(6 * column)) =
+            PaddedMap(blocks_.data() + (row * (row + 1) / 2 + column) * kPoseBlock);
       }
+      Matrix6d own = PoseHessian(row);
+      own.diagonal() += damping * own.diagonal() + Vector6d::Constant(kMinDiagonal);
+      reduced_.block<6, 6>(at, at) += own;
+      right_.segment<6>(at) = PaddedColumn(column_.data() + row * kPadded) - PoseGradient(row);
     }
     if (n > 0) {
       const Eigen::LLT<Eigen::MatrixXd, Eigen::Lower> factor(reduced_);
@@ -228,15 +228,16 @@ class Solver {
     for (std::size_t c = 0; c < pose_of_.size(); ++c) {
       const Vector6d step = right_.segment<6>(static_cast<Eigen::Index>(6 * c));
       trial_poses_[pose_of_[c]] = SE3::Exp(step) * poses_[pose_of_[c]];
-      fall += step.dot(damping * pose_hessian_[c].diagonal().cwiseProduct(step) - pose_gradient_[c]);
+      fall += step.dot(damping * PoseHessian(c).diagonal().cwiseProduct(step) - PoseGradient(c));
     }
     for (std::size_t p = 0; p < points_.size(); ++p) {
       if (begin_[p] == begin_[p + 1]) continue;
       Vector3d left = -point_gradient_[p];
-      for (std::uint32_t i = begin_[p]; i < begin_[p + 1]; ++i) {
-        if (sights_[i].free >= 0) {
-          left.noalias() -= cross_[i].transpose() * right_.segment<6>(6 * static_cast<Eigen::Index>(sights_[i].free));
-        }
+      const double* cross = CrossOf(p);
+      for (int i = 0; i < free_count_[p]; ++i, cross += kCrossBlock) {
+        const Eigen::Map<const Eigen::Matrix<double, 6, 3>, 0, Eigen::OuterStride<kPadded>> by_point(cross);
+        const auto at = 6 * static_cast<Eigen::Index>(sights_[begin_[p] + static_cast<std::uint32_t>(i)].free);
+        left.noalias() -= by_point.transpose() * right_.segment<6>(at);
       }
       const Vector3d step = inverse_[p] * left;
       trial_points_[p] += step;
@@ -247,21 +248,23 @@ class Solver {
 
   const BundleProblem& problem_;
   const SchurOptions options_;
+  const SchurKernel kernel_;
   std::vector<SE3>& poses_;
   std::vector<Vector3d>& points_;
   std::vector<std::int32_t> free_of_;   // per pose
   std::vector<std::uint32_t> pose_of_;  // per free pose
   std::vector<std::uint32_t> begin_;    // per point, into sights_
-  std::vector<Sight> sights_;
+  std::vector<SchurSight> sights_;
+  std::vector<int> free_count_;  // per point, of its sights
   std::deque<PosePriorCost> priors_;
 
   double cost_ = 0.0;
-  std::vector<CameraState> cameras_;
-  std::vector<Matrix6d> pose_hessian_;
-  std::vector<Vector6d> pose_gradient_;
+  std::vector<SchurCamera> cameras_;  // per pose
+  std::vector<double> pose_hessian_, pose_gradient_;
   std::vector<Matrix3d> point_hessian_, inverse_;
   std::vector<Vector3d> point_gradient_;
-  std::vector<Matrix63d> cross_;  // per sight of a free pose
+  std::vector<double> cross_;            // a block per sight
+  std::vector<double> blocks_, column_;  // the Schur complement
   Eigen::MatrixXd reduced_;
   Eigen::VectorXd right_;
   std::vector<SE3> trial_poses_;
