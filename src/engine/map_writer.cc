@@ -70,21 +70,63 @@ absl::Status MapWriter::CreateFile() {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::shared_ptr<const map::Snapshot>> MapWriter::Commit(const map::Delta& delta) {
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> MapWriter::Commit(map::Delta delta) {
   CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<const map::Snapshot> next, Current()->Apply(delta));
+  CAIRN_RETURN_IF_ERROR(Flush());
   if (!file_ && delta.keyframes.empty()) {
-    waiting_.push_back(delta);
+    waiting_.push_back(std::move(delta));
   } else {
     if (!file_) CAIRN_RETURN_IF_ERROR(CreateFile());
-    CAIRN_RETURN_IF_ERROR(file_->Commit(delta));
+    if (thread_.joinable()) {
+      std::lock_guard lock(store_mutex_);
+      change_ = std::move(delta);
+      store_changed_.notify_all();
+    } else {
+      CAIRN_RETURN_IF_ERROR(file_->Commit(delta));
+    }
   }
   std::lock_guard lock(mutex_);
   current_ = next;
   return next;
 }
 
+void MapWriter::StoreInBackground() {
+  if (!thread_.joinable()) thread_ = std::thread([this] { StoreChanges(); });
+}
+
+void MapWriter::StoreChanges() {
+  std::unique_lock lock(store_mutex_);
+  for (;;) {
+    store_changed_.wait(lock, [&] { return stop_ || change_; });
+    if (!change_) return;
+    lock.unlock();
+    absl::Status stored = file_->Commit(*change_);
+    lock.lock();
+    stored_.Update(stored);
+    change_.reset();
+    store_changed_.notify_all();
+  }
+}
+
+absl::Status MapWriter::Flush() {
+  std::unique_lock lock(store_mutex_);
+  store_changed_.wait(lock, [&] { return !change_; });
+  return stored_;
+}
+
+MapWriter::~MapWriter() {
+  if (!thread_.joinable()) return;
+  {
+    std::lock_guard lock(store_mutex_);
+    stop_ = true;
+    store_changed_.notify_all();
+  }
+  thread_.join();
+}
+
 absl::Status MapWriter::Close() {
   if (!file_) return absl::OkStatus();
+  CAIRN_RETURN_IF_ERROR(Flush());
   CAIRN_RETURN_IF_ERROR(file_->Close());
   if (file_path_.empty() || file_path_ == path_) return absl::OkStatus();
   return Replace();

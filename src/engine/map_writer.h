@@ -3,10 +3,12 @@
 // older map that was to be overwritten stays).
 #pragma once
 
+#include <condition_variable>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "base/status.h"
@@ -34,8 +36,15 @@ class MapWriter {
   // map is beside it, in `path`.new, so that a killed run loses neither.
   absl::Status Close();
 
-  // One call at a time. The map in memory, the file and the published snapshot change together or not at all.
-  absl::StatusOr<std::shared_ptr<const map::Snapshot>> Commit(const map::Delta& delta);
+  // One call at a time. The map in memory, the file and the published snapshot change together or not at all; with
+  // StoreInBackground() the file follows, by one change at most: the call waits for the one before, and returns its
+  // error if it could not be stored. Nothing is stored after such an error.
+  absl::StatusOr<std::shared_ptr<const map::Snapshot>> Commit(map::Delta delta);
+
+  // From now on changes are written to the file by a thread, while the caller makes the next.
+  void StoreInBackground();
+  // Waits until all changes are in the file; the error if they are not.
+  absl::Status Flush();
 
   // The newest revision; from any thread.
   std::shared_ptr<const map::Snapshot> Current() const;
@@ -43,9 +52,12 @@ class MapWriter {
   bool file_exists() const { return file_ != nullptr; }
   const std::string& path() const { return path_; }
 
+  ~MapWriter();
+
  private:
   MapWriter() = default;
   absl::Status CreateFile();
+  void StoreChanges();
   absl::Status Replace();
 
   std::string path_;
@@ -57,6 +69,14 @@ class MapWriter {
   std::vector<map::Delta> waiting_;  // for the file
   mutable std::mutex mutex_;         // guards current_
   std::shared_ptr<const map::Snapshot> current_;
+
+  // The thread that stores: `change_` is set while it has one to store.
+  std::thread thread_;
+  std::mutex store_mutex_;
+  std::condition_variable store_changed_;
+  std::optional<map::Delta> change_;
+  absl::Status stored_;
+  bool stop_ = false;
 };
 
 }  // namespace cairn::engine

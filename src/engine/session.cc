@@ -43,7 +43,8 @@ class Session::Impl {
 
   absl::Status Start(const SessionSource& source, const place::Vocabulary* vocabulary) {
     CAIRN_ASSIGN_OR_RETURN(session_, BeginSession(source, preparation_.pinhole(), !options_.deterministic, writer_));
-    const auto commit = [this](map::Delta delta) { return writer_->Commit(delta); };
+    if (options_.UsedThreads() > 1) writer_->StoreInBackground();
+    const auto commit = [this](map::Delta delta) { return writer_->Commit(std::move(delta)); };
     CAIRN_ASSIGN_OR_RETURN(mapper_, mapping::FeatureMapper::Create(options_.mapping, writer_->Current(), session_.id,
                                                                    session_.camera, vocabulary, commit));
     if (options_.close_loops) {
@@ -86,6 +87,7 @@ class Session::Impl {
     const mapping::TrajectoryChoice choice = collinearity_.Choose(loops_ && !loops_->loops().empty());
     trajectory_ = {choice.refined, choice.keyframes, choice.collinear, choice.reason};
     CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, trajectory_, writer_));
+    CAIRN_RETURN_IF_ERROR(writer_->Flush());
     return Report();
   }
 
