@@ -7,6 +7,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
+#include "absl/status/status.h"
 #include "absl/strings/str_format.h"
 #include "direct/structure_adjustment.h"
 
@@ -22,6 +23,12 @@ constexpr int kMaxReferenceFrames = 90;
 constexpr int kMaxViews = 12;                // in the bundle adjustment
 constexpr double kPlaneShare = 0.95;         // homography inliers over essential inliers
 constexpr double kAmbiguousCostRatio = 1.3;  // between two different solutions
+constexpr double kSameDirection = 0.95;      // cosine between two motions that are one
+constexpr std::size_t kPairPoints = 120;     // corners that a two-view minimum is searched with
+constexpr double kMaxPairCostRatio = 2.5;    // of the two-view minima that are looked at more closely ...
+constexpr std::size_t kMaxMinima = 6;        // ... and how many at most
+constexpr int kMaxMisfits = 2;               // then the reference moves on: tracks only get worse
+constexpr double kOutlierCostPx2 = 4.0;      // of a corner that does not fit: the limit of one that does
 constexpr double kMaxMedianDepthSigma = 0.25;
 
 Matrix3d ToEigen(const cv::Mat& m) {
@@ -58,12 +65,43 @@ Matrix3d BestRotation(const std::vector<Vector3d>& from, const std::vector<Vecto
 
 double Angle(const Vector3d& a, const Vector3d& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
 
+// Mean squared error of all corners, those that do not fit at the limit of those that do.
+double Cost(const StructureReport& report) {
+  return report.inlier_share * report.rms_px * report.rms_px + (1.0 - report.inlier_share) * kOutlierCostPx2;
+}
+
 double TriangulateInverseDepth(const Vector3d& reference_ray, const Vector3d& view_ray, const SE3& pose) {
   // view_ray x (R ray + id t) = 0, least squares in id.
   const Vector3d a = view_ray.cross(pose.translation());
   const Vector3d b = view_ray.cross(pose.rotation() * reference_ray);
   const double aa = a.squaredNorm();
   return aa > 1e-12 ? -a.dot(b) / aa : 0.0;
+}
+
+// Motions of unit length by the essential matrix and, where one homography explains nearly as many corners, by it.
+absl::Status TwoViewMotions(const Pinhole& camera, const std::vector<cv::Point2f>& from,
+                            const std::vector<cv::Point2f>& to, std::vector<SE3>* motions, bool* plane) {
+  try {
+    const cv::Mat k = (cv::Mat_<double>(3, 3) << camera.fx_px, 0, camera.cx_px, 0, camera.fy_px, camera.cy_px, 0, 0, 1);
+    cv::Mat inliers, r, t, plane_inliers;
+    const cv::Mat essential = cv::findEssentialMat(from, to, k, cv::RANSAC, 0.9999, kEssentialThresholdPx, inliers);
+    if (essential.rows < 3 || essential.cols != 3) return absl::NotFoundError("no essential matrix fits the corners");
+    const int essential_inliers = cv::countNonZero(inliers);
+    cv::recoverPose(essential.rowRange(0, 3), from, to, k, r, t, inliers);
+    motions->emplace_back(ToEigen(r), Vector3d(t.at<double>(0), t.at<double>(1), t.at<double>(2)));
+    const cv::Mat homography = cv::findHomography(from, to, cv::RANSAC, 1.5 * kEssentialThresholdPx, plane_inliers);
+    *plane = !homography.empty() && cv::countNonZero(plane_inliers) > kPlaneShare * essential_inliers;
+    if (!*plane) return absl::OkStatus();
+    std::vector<cv::Mat> rotations, translations, normals;
+    cv::decomposeHomographyMat(homography, k, rotations, translations, normals);
+    for (std::size_t i = 0; i < rotations.size(); ++i) {
+      const Vector3d shift(translations[i].at<double>(0), translations[i].at<double>(1), translations[i].at<double>(2));
+      if (shift.norm() > 1e-6) motions->emplace_back(ToEigen(rotations[i]), shift.normalized());
+    }
+  } catch (const cv::Exception& error) {
+    return absl::InternalError(absl::StrCat("two-view geometry failed: ", error.what()));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -90,6 +128,7 @@ void FeatureStart::SetReference(const cv::Mat& gray) {
   cv::buildOpticalFlowPyramid(gray, reference_pyramid_, kWindow, kLevels);
   last_pyramid_ = reference_pyramid_;
   last_attempt_parallax_rad_ = 0.0;
+  misfits_ = 0;
 }
 
 bool FeatureStart::Follow(const cv::Mat& gray) {
@@ -156,7 +195,8 @@ StartResult FeatureStart::Add(const Frame& frame) {
     result.message = absl::StrFormat("lost the corners it followed: %d of %d are left", alive, first_count_);
   }
   const bool lost_many = alive < (1.0 - kMaxLostShare) * first_count_;
-  if (!enough || lost_many || FrameCount() >= kMaxReferenceFrames) {
+  misfits_ += result.misfit;
+  if (!enough || lost_many || misfits_ >= kMaxMisfits || FrameCount() >= kMaxReferenceFrames) {
     SetReference(gray);
     result.new_reference = true;
     if (first_count_ < options_.start_min_features) Reset();
@@ -198,32 +238,15 @@ StartResult FeatureStart::Solve() {
 
   std::vector<SE3> candidates;
   bool plane = false;
-  try {
-    const cv::Mat k =
-        (cv::Mat_<double>(3, 3) << camera_.fx_px, 0, camera_.cx_px, 0, camera_.fy_px, camera_.cy_px, 0, 0, 1);
-    cv::Mat inliers, r, t, plane_inliers;
-    const cv::Mat essential = cv::findEssentialMat(from, to, k, cv::RANSAC, 0.9999, kEssentialThresholdPx, inliers);
-    if (essential.rows < 3 || essential.cols != 3) {
-      result.message = "no essential matrix fits the corners";
-      return result;
-    }
-    const int essential_inliers = cv::countNonZero(inliers);
-    cv::recoverPose(essential.rowRange(0, 3), from, to, k, r, t, inliers);
-    candidates.emplace_back(ToEigen(r), Vector3d(t.at<double>(0), t.at<double>(1), t.at<double>(2)));
-    const cv::Mat homography = cv::findHomography(from, to, cv::RANSAC, 1.5 * kEssentialThresholdPx, plane_inliers);
-    plane = !homography.empty() && cv::countNonZero(plane_inliers) > kPlaneShare * essential_inliers;
-    if (plane) {
-      std::vector<cv::Mat> rotations, translations, normals;
-      cv::decomposeHomographyMat(homography, k, rotations, translations, normals);
-      for (std::size_t i = 0; i < rotations.size(); ++i) {
-        const Vector3d shift(translations[i].at<double>(0), translations[i].at<double>(1),
-                             translations[i].at<double>(2));
-        if (shift.norm() > 1e-6) candidates.emplace_back(ToEigen(rotations[i]), shift.normalized());
-      }
-    }
-  } catch (const cv::Exception& error) {
-    result.message = absl::StrCat("two-view geometry failed: ", error.what());
+  const absl::Status two_views = TwoViewMotions(camera_, from, to, &candidates, &plane);
+  if (!two_views.ok()) {
+    result.message = std::string(two_views.message());
     return result;
+  }
+  // Small motions have minima that two-view geometry does not show: from all sides.
+  for (int code = 0; code < 27; ++code) {
+    const Vector3d side(code % 3 - 1, (code / 3) % 3 - 1, code / 9 - 1);
+    if (side.squaredNorm() > 0.5) candidates.emplace_back(rotation, side.normalized());
   }
   // Views for the adjustment: evenly spread, the newest last.
   const int frames = FrameCount() - 1;
@@ -231,38 +254,83 @@ StartResult FeatureStart::Solve() {
   const int count = std::min(frames, kMaxViews);
   for (int i = 1; i <= count; ++i) views.push_back((i * frames) / count);
 
-  double best_cost = 1e300, second_cost = 1e300;
-  SE3 best_pose;
+  return Choose(candidates, alive, views, plane, flow_rad);
+}
+
+// The motion that fits best, unless another one fits about as well.
+StartResult FeatureStart::Choose(const std::vector<SE3>& candidates, const std::vector<int>& alive,
+                                 const std::vector<int>& views, bool plane, double flow_rad) {
+  const double same_rad = 0.5 * options_.start_min_parallax_deg * kPi / 180.0;
+  const auto same = [&](const SE3& a, const SE3& b) {
+    return AngleRad(a.rotation() * b.rotation().conjugate()) < same_rad &&
+           a.translation().normalized().dot(b.translation().normalized()) > kSameDirection;
+  };
+  struct Minimum {
+    SE3 pose;
+    double cost;
+  };
+  std::vector<Minimum> found, minima;
   for (const SE3& candidate : candidates) {
-    StartResult trial;
-    double cost = 1e300;
-    if (!Reconstruct(candidate, alive, views, &trial, &cost)) {
-      if (result.message.empty()) result.message = trial.message;
-      continue;
-    }
-    const SE3& pose = trial.camera_from_reference.back();
-    const bool same = best_cost < 1e299 &&
-                      AngleRad(pose.rotation() * best_pose.rotation().conjugate()) < 0.5 * wanted_rad &&
-                      pose.translation().normalized().dot(best_pose.translation().normalized()) > 0.95;
-    if (cost < best_cost) {
-      if (!same) second_cost = best_cost;
-      best_cost = cost;
-      best_pose = pose;
-      result = std::move(trial);
-    } else if (!same) {
-      second_cost = std::min(second_cost, cost);
-    }
+    Minimum minimum = {candidate, 0.0};
+    if (RefinePair(alive, &minimum.pose, &minimum.cost)) found.push_back(minimum);
   }
-  if (result.success && second_cost < kAmbiguousCostRatio * best_cost) {
+  std::stable_sort(found.begin(), found.end(), [](const Minimum& a, const Minimum& b) { return a.cost < b.cost; });
+  for (const Minimum& minimum : found) {
+    if (minimum.cost > kMaxPairCostRatio * found.front().cost || minima.size() == kMaxMinima) break;
+    const auto is_same = [&](const Minimum& other) { return same(minimum.pose, other.pose); };
+    if (std::none_of(minima.begin(), minima.end(), is_same)) minima.push_back(minimum);
+  }
+  StartResult result;
+  result.message = "the corners do not lie in front of both cameras";
+  result.parallax_rad = flow_rad;
+  std::vector<StartResult> trials;
+  for (const Minimum& minimum : minima) trials.push_back(Reconstruct(minimum.pose, alive, views));
+  if (trials.empty()) return result;
+  auto best = std::min_element(trials.begin(), trials.end(),
+                               [](const StartResult& a, const StartResult& b) { return a.cost < b.cost; });
+  const bool ambiguous = std::any_of(trials.begin(), trials.end(), [&](const StartResult& other) {
+    return !other.camera_from_reference.empty() && other.cost < kAmbiguousCostRatio * best->cost &&
+           !same(other.camera_from_reference.back(), best->camera_from_reference.back());
+  });
+  result = std::move(*best);
+  if (result.success && ambiguous) {
     result.success = false;
-    result.message = "the corners lie on one plane and two motions explain them: waiting for a different view";
+    result.message = plane ? "the corners lie on one plane and two motions explain them: waiting for a different view"
+                           : "two motions explain the corners: waiting for more motion";
   }
   result.parallax_rad = std::max(result.parallax_rad, flow_rad);
   return result;
 }
 
-bool FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& alive, const std::vector<int>& views,
-                               StartResult* result, double* cost) {
+// The two-view minimum that a motion leads to, over some of the corners; false if it has none in front of the cameras.
+bool FeatureStart::RefinePair(const std::vector<int>& alive, SE3* pose, double* cost) {
+  StructureProblem problem;
+  problem.camera = camera_;
+  problem.observed_px.resize(1);
+  const std::size_t step = std::max<std::size_t>(1, alive.size() / kPairPoints);
+  for (std::size_t k = 0; k < alive.size(); k += step) {
+    const int i = alive[k];
+    const Vector2d first(tracks_.front()[i].x, tracks_.front()[i].y), now(tracks_.back()[i].x, tracks_.back()[i].y);
+    problem.reference_px.push_back(first);
+    problem.observed_px[0].push_back(now);
+    problem.inverse_depth.push_back(TriangulateInverseDepth(camera_.Unproject(first), camera_.Unproject(now), *pose));
+  }
+  const double median = Median(problem.inverse_depth);
+  if (!(median > 0.0)) return false;
+  for (double& d : problem.inverse_depth) d = std::clamp(d / median, 0.01, 10.0);
+  problem.camera_from_reference.emplace_back(pose->rotation(), pose->translation() * median);
+  const StructureReport report = AdjustStructure(30, &problem);
+  *pose = problem.camera_from_reference.front();
+  *cost = Cost(report);
+  const double length = pose->translation().norm();
+  if (!(length > 1e-12) || !(Median(problem.inverse_depth) > 0.0)) return false;
+  pose->translation() /= length;
+  return true;
+}
+
+// A bundle adjustment over the views, from the two-view minimum on, and the poses of all frames.
+StartResult FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& alive, const std::vector<int>& views) {
+  StartResult result;
   StructureProblem problem;
   problem.camera = camera_;
   std::vector<Vector2d> last;
@@ -275,8 +343,8 @@ bool FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& alive, c
   }
   const double median = Median(problem.inverse_depth);
   if (!(median > 0.0)) {
-    result->message = "the corners do not lie in front of both cameras";
-    return false;
+    result.message = "the corners do not lie in front of both cameras";
+    return result;
   }
   for (double& d : problem.inverse_depth) d = std::clamp(d / median, 0.01, 10.0);
   const auto observe = [&](int frame) {
@@ -311,11 +379,10 @@ bool FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& alive, c
     for (std::size_t v = 0; v < views.size(); ++v) clean.observed_px[v].push_back(observed[v][p]);
   }
   const double share = report.inlier_share;
-  if (static_cast<int>(clean.inverse_depth.size()) < options_.start_min_features ||
-      share < options_.start_min_inlier_share) {
-    result->message = absl::StrFormat("only %.0f %% of the corners agree on one motion, at least %.0f %% are needed",
-                                      100.0 * share, 100.0 * options_.start_min_inlier_share);
-    return false;
+  if (static_cast<int>(clean.inverse_depth.size()) < options_.start_min_features) {
+    result.message = absl::StrFormat("only %d of the corners agree on one motion, at least %d are needed",
+                                     clean.inverse_depth.size(), options_.start_min_features);
+    return result;
   }
   report = AdjustStructure(20, &clean);
   std::vector<double> parallax, sigma;
@@ -326,19 +393,10 @@ bool FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& alive, c
     parallax.push_back(Angle(ray, ray - std::max(clean.inverse_depth[p], 0.0) * centre));
     sigma.push_back(report.relative_depth_sigma[p]);
   }
-  result->parallax_rad = Median(parallax);
-  result->rms_px = report.rms_px;
-  *cost = report.rms_px * report.rms_px / (share * share);
-  if (report.rms_px > options_.start_max_reprojection_px) {
-    result->message = absl::StrFormat("the reconstruction does not fit: %.2f px, at most %.2f px", report.rms_px,
-                                      options_.start_max_reprojection_px);
-    return false;
-  }
-  if (result->parallax_rad < options_.start_min_parallax_deg * kPi / 180.0 || Median(sigma) > kMaxMedianDepthSigma) {
-    result->message = absl::StrFormat("the camera has not moved enough: %.2f deg of parallax, %.2f deg are needed",
-                                      result->parallax_rad * 180.0 / kPi, options_.start_min_parallax_deg);
-    return false;
-  }
+  result.parallax_rad = Median(parallax);
+  result.rms_px = report.rms_px;
+  report.inlier_share = share;
+  result.cost = Cost(report);
   // Median inverse depth 1; poses of the frames that were not adjusted.
   std::vector<double> depths;
   for (std::size_t p = 0; p < clean.inverse_depth.size(); ++p) {
@@ -347,7 +405,7 @@ bool FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& alive, c
   const double scale = Median(depths);
   for (SE3& view : clean.camera_from_reference) view.translation() *= scale;
   for (double& d : clean.inverse_depth) d /= scale;
-  result->camera_from_reference.assign(tracks_.size(), SE3());
+  result.camera_from_reference.assign(tracks_.size(), SE3());
   std::vector<int> clean_index;
   for (std::size_t p = 0; p < alive.size(); ++p) {
     bool used = false;
@@ -366,15 +424,32 @@ bool FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& alive, c
       for (int i : clean_index) seen.emplace_back(tracks_[f][i].x, tracks_[f][i].y);
       AlignView(clean, seen, 10, &guess);
     }
-    result->camera_from_reference[f] = guess;
+    result.camera_from_reference[f] = guess;
   }
   for (std::size_t p = 0; p < clean.inverse_depth.size(); ++p) {
     if (!report.inlier[p]) continue;
-    result->reference_px.push_back(clean.reference_px[p]);
-    result->inverse_depth.push_back(clean.inverse_depth[p]);
+    result.reference_px.push_back(clean.reference_px[p]);
+    result.inverse_depth.push_back(clean.inverse_depth[p]);
   }
-  result->success = true;
-  return true;
+  if (share < options_.start_min_inlier_share) {
+    result.misfit = true;
+    result.message = absl::StrFormat("only %.0f %% of the corners agree on one motion, at least %.0f %% are needed",
+                                     100.0 * share, 100.0 * options_.start_min_inlier_share);
+    return result;
+  }
+  if (report.rms_px > options_.start_max_reprojection_px) {
+    result.misfit = true;
+    result.message = absl::StrFormat("the reconstruction does not fit: %.2f px, at most %.2f px", report.rms_px,
+                                     options_.start_max_reprojection_px);
+    return result;
+  }
+  if (result.parallax_rad < options_.start_min_parallax_deg * kPi / 180.0 || Median(sigma) > kMaxMedianDepthSigma) {
+    result.message = absl::StrFormat("the camera has not moved enough: %.2f deg of parallax, %.2f deg are needed",
+                                     result.parallax_rad * 180.0 / kPi, options_.start_min_parallax_deg);
+    return result;
+  }
+  result.success = true;
+  return result;
 }
 
 }  // namespace cairn::direct

@@ -3,8 +3,10 @@
 // as in DSO Sec. 3.1, converges to wrong depths when the motion is small and mostly a rotation; this one waits instead.
 //
 // Degenerate motion (still camera, pure rotation) shows as lack of parallax after the best rotation is taken out. A
-// scene that one homography explains has two essential matrices; both homography decompositions are tried and the start
-// waits until the views tell them apart.
+// scene that one homography explains has two essential matrices, and a small motion leaves other minima still (a turn
+// passes for a shift, near for far: Chiuso, Brockett and Soatto, "Optimal Structure from Motion: Local Ambiguities and
+// Global Estimates", IJCV 2000). The homography's decompositions and motions to all sides are tried, and the start
+// waits until the views tell them apart. Where nothing fits any more the reference moves on.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -21,6 +23,7 @@ namespace cairn::direct {
 struct StartResult {
   bool success = false;
   bool new_reference = false;  // corners were lost: this frame is the new reference
+  bool misfit = false;         // no motion fits the corners well enough
   std::string message;         // what it waits for
   // On success: one pose per frame added since and with the reference (identity first); the median inverse depth is 1.
   std::vector<SE3> camera_from_reference;
@@ -28,6 +31,7 @@ struct StartResult {
   std::vector<double> inverse_depth;
   double parallax_rad = 0.0;
   double rms_px = 0.0;
+  double cost = 1e300;  // mean squared error in px^2, of corners that do not fit their limit; compares motions
 };
 
 class FeatureStart {
@@ -44,8 +48,10 @@ class FeatureStart {
   void SetReference(const cv::Mat& gray);
   bool Follow(const cv::Mat& gray);
   StartResult Solve();
-  bool Reconstruct(const SE3& pose, const std::vector<int>& alive, const std::vector<int>& views, StartResult* result,
-                   double* cost);
+  StartResult Choose(const std::vector<SE3>& candidates, const std::vector<int>& alive, const std::vector<int>& views,
+                     bool plane, double flow_rad);
+  bool RefinePair(const std::vector<int>& alive, SE3* pose, double* cost);
+  StartResult Reconstruct(const SE3& pose, const std::vector<int>& alive, const std::vector<int>& views);
 
   OdometryOptions options_;
   Pinhole camera_;
@@ -55,6 +61,7 @@ class FeatureStart {
   std::vector<std::vector<cv::Point2f>> tracks_;  // [frame since reference][corner]
   int first_count_ = 0;
   double last_attempt_parallax_rad_ = 0.0;
+  int misfits_ = 0;  // attempts with this reference
 };
 
 }  // namespace cairn::direct

@@ -59,7 +59,7 @@ struct OdometryOptions {
   int start_features = 500;
   double start_min_parallax_deg = 1.0;     // median angle between the rays of matched corners, rotation removed
   double start_max_reprojection_px = 1.0;  // root mean square after bundle adjustment, at full resolution
-  double start_min_inlier_share = 0.7;
+  double start_min_inlier_share = 0.75;
   int start_min_features = 60;
   int max_retained_frames = 100;  // images kept to be tracked once the start succeeds
 

@@ -15,6 +15,7 @@
 namespace cairn::direct {
 namespace {
 
+using ::testing::AnyOf;
 using ::testing::HasSubstr;
 
 std::unique_ptr<Odometry> MakeOdometry() {
@@ -323,6 +324,64 @@ TEST(FeatureStart, BlankImagesHaveTooLittleTexture) {
   EXPECT_FALSE(result.success);
   EXPECT_THAT(result.message, HasSubstr("too little texture"));
 }
+
+// Over a single plane two motions fit every pair of views. The start must find the right one or wait and say why.
+struct PlaneCase {
+  const char* name;
+  Vector3d normal_turn;  // of the plane, from facing the camera
+  Vector3d velocity_m;   // per frame
+  Vector3d turn_rad;     // per frame
+  double distance_m = 4.0;
+};
+
+class PlanarStart : public ::testing::TestWithParam<PlaneCase> {};
+
+TEST_P(PlanarStart, FindsTheRightDepthsOrWaitsAndSaysWhy) {
+  const PlaneCase& c = GetParam();
+  const Matrix3d turned = ExpSO3(c.normal_turn).toRotationMatrix();
+  const testing::Scene scene({{Vector3d(0, 0, c.distance_m), turned.col(0), turned.col(1), 40, 40}});
+  const Pinhole camera = testing::TestCamera();
+  FeatureStart start(OdometryOptions(), camera);
+  StartResult result;
+  std::vector<std::string> messages;
+  int reference = 0;
+  Random noise(7);
+  for (int i = 0; i < 26 && !result.success; ++i) {
+    const SE3 pose(ExpSO3(i * c.turn_rad), i * c.velocity_m);
+    Frame frame = scene.Render(camera, pose, i);
+    for (int k = 0; k < static_cast<int>(frame.image.total()); ++k) {
+      frame.image.data[k] = cv::saturate_cast<unsigned char>(frame.image.data[k] + 2.0 * noise.Normal());
+    }
+    result = start.Add(frame);
+    if (result.new_reference) reference = i;
+    if (!result.success) messages.push_back(result.message);
+  }
+  for (const std::string& message : messages) EXPECT_FALSE(message.empty());
+  if (!result.success) {
+    EXPECT_THAT(messages.back(), AnyOf(HasSubstr("waiting for"), HasSubstr("not moved enough")));
+    return;
+  }
+  const SE3 reference_pose(ExpSO3(reference * c.turn_rad), reference * c.velocity_m);
+  std::vector<double> ratios;
+  for (std::size_t p = 0; p < result.reference_px.size(); ++p) {
+    ratios.push_back(result.inverse_depth[p] * scene.Depth(camera, reference_pose, result.reference_px[p]));
+  }
+  std::sort(ratios.begin(), ratios.end());
+  const double middle = ratios[ratios.size() / 2];
+  EXPECT_LT(ratios[ratios.size() * 9 / 10] / middle, 1.25);  // the other plane is off by more
+  EXPECT_GT(ratios[ratios.size() / 10] / middle, 0.75);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Planes, PlanarStart,
+    ::testing::Values(PlaneCase{"FacingSideways", {0, 0, 0}, {0.03, 0, 0}, {0, 0, 0}},
+                      PlaneCase{"FacingSidewaysTurning", {0, 0, 0}, {0.03, 0.01, 0}, {0.002, -0.006, 0.003}},
+                      PlaneCase{"FacingForward", {0, 0, 0}, {0, 0, 0.05}, {0, 0, 0}},
+                      PlaneCase{"SlantedSideways", {0, 0.6, 0}, {0.03, 0, 0}, {0, 0, 0}},
+                      PlaneCase{"SlantedForward", {0.5, 0.2, 0}, {0.01, 0, 0.04}, {0, -0.003, 0}},
+                      PlaneCase{"GroundFromAbove", {-0.9, 0, 0}, {0.01, 0.0, 0.03}, {0, 0.002, 0}},
+                      PlaneCase{"FarAway", {0.3, 0, 0}, {0.01, 0, 0}, {0, 0.003, 0}, 30.0}),
+    [](const auto& planes) { return planes.param.name; });
 
 }  // namespace
 }  // namespace cairn::direct

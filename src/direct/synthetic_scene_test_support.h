@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <opencv2/core.hpp>
+#include <utility>
 #include <vector>
 
 #include "direct/packet.h"
@@ -43,6 +44,8 @@ class Scene {
     planes_.push_back({Vector3d(0.9, 0.1, 2.6), Vector3d(0.8, 0, -0.6), y, 0.7, 0.6});  // slanted board
     planes_.push_back({Vector3d(-0.6, -0.5, 2.0), x, Vector3d(0, 0.8, 0.6), 0.35, 0.3});
   }
+
+  explicit Scene(std::vector<Plane> planes) : planes_(std::move(planes)) {}
 
   double Depth(const Pinhole& camera, const SE3& world_from_camera, const Vector2d& pixel) const {
     double t;
