@@ -27,6 +27,11 @@ int PointCuller::Cull(map::Edit& edit, int keyframe_count, const FeatureMapperOp
   return culled;
 }
 
+bool IsClutter(const map::MapPoint& point, const FeatureMapperOptions& options) {
+  return point.times_visible >= options.judged_after &&
+         point.times_found < options.min_found_ratio * point.times_visible;
+}
+
 double RedundantShare(const map::Edit& edit, KeyframeId id, int observers) {
   const map::Keyframe& keyframe = edit.keyframe(id);
   int points = 0, redundant = 0;

@@ -27,6 +27,10 @@ class PointCuller {
   std::vector<Entry> watched_;
 };
 
+// What is rarely found where it was often to be seen is no landmark, however old: such points would keep alive
+// keyframes that alone see them, and where a camera stays, both would pile up.
+bool IsClutter(const map::MapPoint& point, const FeatureMapperOptions& options);
+
 // Share of the points of a keyframe that at least `observers` others see at the same or a finer scale (one octave of
 // slack). 0 without points.
 double RedundantShare(const map::Edit& edit, KeyframeId keyframe, int observers);

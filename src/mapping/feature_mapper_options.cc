@@ -34,6 +34,7 @@ absl::Status FeatureMapperOptions::Validate() const {
   if (max_final_keyframes < 0 || final_iterations < 1) return bad("the final adjustment needs at least one iteration");
   if (!(final_tolerance > 0.0)) return bad("final_tolerance must be positive");
   if (!(min_found_ratio >= 0.0 && min_found_ratio <= 1.0)) return bad("min_found_ratio must be in [0, 1]");
+  if (judged_after < 1) return bad("judged_after must be at least 1");
   if (min_observations < 2 || young_keyframes < 1) return bad("points need at least 2 observations and 1 keyframe");
   if (!(redundant_share > 0.0 && redundant_share <= 1.0)) return bad("redundant_share must be in (0, 1]");
   if (redundant_observers < 1) return bad("redundant_observers must be at least 1");

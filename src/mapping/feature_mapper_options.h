@@ -66,10 +66,11 @@ struct FeatureMapperOptions {
   int final_iterations = 30;
 
   // Culling.
-  double min_found_ratio = 0.25;
-  int min_observations = 3;      // of a point that is older than ...
-  int young_keyframes = 3;       // ... this many keyframes
-  double redundant_share = 0.9;  // of a keyframe's points seen in enough others: it goes
+  double min_found_ratio = 0.25;  // of a new point, and of any that was to be seen as often as ...
+  int judged_after = 20;          // ... this
+  int min_observations = 3;       // of a point that is older than ...
+  int young_keyframes = 3;        // ... this many keyframes
+  double redundant_share = 0.9;   // of a keyframe's points seen in enough others: it goes
   int redundant_observers = 3;
 
   // After a loss.

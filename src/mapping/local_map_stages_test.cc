@@ -6,6 +6,7 @@
 #include "map/testing_map.h"
 #include "mapping/culling.h"
 #include "mapping/local_adjustment.h"
+#include "mapping/local_mapper.h"
 #include "mapping/new_points.h"
 #include "mapping/point_fusion.h"
 #include "mapping/view_record.h"
@@ -150,6 +151,36 @@ TEST(Culling, PointsThatAreNotFoundOrNotSeenEnough) {
   EXPECT_EQ(edit.FindPoint(watched[0]), nullptr);
   EXPECT_EQ(culler.Cull(edit, 3, options), thin - (first_thin ? 1 : 0)) << "those with two observations";
   EXPECT_EQ(culler.Cull(edit, 4, options), 0);
+}
+
+TEST(Culling, ClutterIsWhatIsRarelyFoundWhereItWasOftenToBeSeen) {
+  const FeatureMapperOptions options;
+  map::MapPoint point;
+  point.times_visible = options.judged_after;
+  point.times_found = 2;
+  EXPECT_TRUE(IsClutter(point, options));
+  point.times_found = options.judged_after / 2;
+  EXPECT_FALSE(IsClutter(point, options)) << "found every other time";
+  point.times_visible = options.judged_after - 1;
+  point.times_found = 0;
+  EXPECT_FALSE(IsClutter(point, options)) << "not to be seen often enough to judge";
+
+  // A local mapper drops them when it inserts the next keyframe.
+  const TestMap world = MakeMap(6, 3, 200);
+  map::Edit edit(world.snapshot);
+  std::vector<PointId> points;
+  for (const PointId id : world.snapshot->keyframe(KeyframeId(1)).points) {
+    if (id) points.push_back(id);
+  }
+  LocalMapper mapper(options, [](const map::Edit&, const map::Keyframe&, const map::Keyframe&) {});
+  const std::vector<PointId> found(points.begin() + 1, points.end());
+  for (int i = 0; i < 2 * options.judged_after; ++i) mapper.CountVisible(points, found);
+  InsertionRequest request;
+  request.keyframe = world.snapshot->keyframe(KeyframeId(3));
+  const auto inserted = mapper.Insert(edit, std::move(request));
+  ASSERT_TRUE(inserted.ok()) << inserted.status();
+  EXPECT_EQ(edit.FindPoint(points[0]), nullptr);
+  EXPECT_NE(edit.FindPoint(points[1]), nullptr);
 }
 
 TEST(Culling, KeyframesThatShowNothingNew) {

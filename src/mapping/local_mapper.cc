@@ -23,7 +23,9 @@ void LocalMapper::CountVisible(std::span<const PointId> visible, std::span<const
 
 void LocalMapper::FlushVisibility(map::Edit& edit) {
   for (const auto& [point, counts] : visibility_) {
-    if (edit.FindPoint(point) != nullptr) edit.AddVisibility(point, counts.first, counts.second);
+    if (edit.FindPoint(point) == nullptr) continue;
+    edit.AddVisibility(point, counts.first, counts.second);
+    if (IsClutter(edit.point(point), options_)) edit.ErasePoint(point);
   }
   visibility_.clear();
 }
