@@ -106,6 +106,8 @@ class Odometry::Impl {
 
   // odometry_start.cc
   void AddToStart(const Job& job);
+  void ThinRetained();
+  void InterpolateThinned(std::size_t first, std::size_t last);  // in results_
   bool BuildFirstWindow(const StartResult& start, std::size_t reference_at, std::string* message);
   AffineLight MatchLight(const StartResult& start, const FrameData& reference, const FrameData& view,
                          const SE3& view_from_reference) const;

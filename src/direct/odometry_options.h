@@ -61,7 +61,9 @@ struct OdometryOptions {
   double start_max_reprojection_px = 1.0;  // root mean square after bundle adjustment, at full resolution
   double start_min_inlier_share = 0.75;
   int start_min_features = 60;
-  int max_retained_frames = 100;  // images kept to be tracked once the start succeeds
+  // Images kept to be tracked once the start succeeds, beside those since the start's reference (up to 90). A longer
+  // wait keeps ever fewer of them, evenly spread; the frames between get poses between.
+  int max_retained_frames = 50;
 
   absl::Status Validate() const;
 };

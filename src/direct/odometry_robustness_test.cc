@@ -312,5 +312,44 @@ TEST(OdometryStart, WaitsWhileTheCameraIsStillAndStartsOnceItMoves) {
   EXPECT_THAT(message, HasSubstr("not moved enough"));
 }
 
+TEST(OdometryStart, ALongWaitLosesNoPose) {
+  OdometryOptions options;
+  options.max_retained_frames = 12;
+  options.start_features = 150;
+  const auto odometry = MakeOdometry(options);
+  constexpr int kWait = 140;
+  const auto source = [](int i) { return i < kWait ? (i / 3) % 3 : i - kWait; };  // to and fro, less than a start needs
+  std::vector<Frame> frames;
+  for (int i = 0; i < kWait + 30; ++i) {
+    Frame frame = Sway()[static_cast<std::size_t>(source(i))];
+    frame.index = i;
+    frame.time_ns = i * 33'333'333LL;
+    const auto result = odometry->Process(frame);
+    ASSERT_TRUE(result.ok());
+    if (i < kWait) {
+      ASSERT_EQ(result->keyframe, -1) << i;
+    }
+  }
+  odometry->Finish();
+  const std::vector<FrameResult> results = odometry->FrameResults();
+  EXPECT_EQ(Untracked(results), 0);
+  EXPECT_EQ(odometry->Statistics().segments, 1);
+  int between = 0;
+  // Scale from the path after the wait; then no frame of the wait may be further off than the camera went to and fro.
+  const auto estimate = [&](int i) {
+    return Vector3d(results[kWait].direct_from_camera.Inverse() * results[i].direct_from_camera.translation());
+  };
+  const auto truth = [&](int i) {
+    return Vector3d(testing::SwayPose(0).Inverse() * testing::SwayPose(source(i)).translation());
+  };
+  const double scale = truth(kWait + 29).norm() / estimate(kWait + 29).norm();
+  for (int i = 0; i < kWait; ++i) {
+    const bool interpolated = results[i].message.find("between its neighbours") != std::string::npos;
+    between += interpolated;
+    EXPECT_LT((scale * estimate(i) - truth(i)).norm(), interpolated ? 0.03 : 0.004) << i;
+  }
+  EXPECT_GT(between, 60);
+}
+
 }  // namespace
 }  // namespace cairn::direct

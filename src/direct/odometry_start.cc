@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "absl/strings/str_format.h"
 #include "direct/odometry_impl.h"
+#include "geometry/pose_spread.h"
 
 namespace cairn::direct {
 namespace {
@@ -14,6 +16,7 @@ constexpr int kMaxTraceViews = 16;
 constexpr int kFirstOptimizationIterations = 25;
 constexpr int kMinFirstPoints = 100;
 constexpr double kMaxFirstRmsGray = 9.0;
+constexpr double kInterpolatedQuality = 0.3;
 
 }  // namespace
 
@@ -24,10 +27,7 @@ void Odometry::Impl::AddToStart(const Job& job) {
     start = start_.Add(job.frame);
     retained_.push_back({job.frame, job.position});
     if (start.new_reference || start_.FrameCount() == 0) start_reference_ = retained_.size() - 1;
-    while (static_cast<int>(retained_.size()) > options_.max_retained_frames && start_reference_ > 0) {
-      retained_.pop_front();
-      --start_reference_;
-    }
+    while (start_reference_ > static_cast<std::size_t>(options_.max_retained_frames)) ThinRetained();
     if (start.success) {
       std::string message;
       if (!BuildFirstWindow(start, start_reference_, &message)) {
@@ -51,6 +51,7 @@ void Odometry::Impl::AddToStart(const Job& job) {
   first_rms_reference_ = -1;
   last_rms_ = 0.0;
   RetrackRetained(start, start_reference_);
+  InterpolateThinned(retained_.front().position, retained_[start_reference_].position);
   last_light_ = window_.newest().light;
   retained_.clear();
   start_reference_ = 0;
@@ -64,6 +65,42 @@ void Odometry::Impl::AddToStart(const Job& job) {
 #endif
   start_message_.clear();
   ++statistics_.segments;
+}
+
+// Of the frames before the reference one goes: where they lie closest in time, so that a long wait keeps the oldest and
+// evenly spread others. The frames that went get poses between those of their neighbours after the start.
+void Odometry::Impl::ThinRetained() {
+  std::size_t goes = 1;
+  TimeNs closest = std::numeric_limits<TimeNs>::max();
+  for (std::size_t i = 1; i < start_reference_; ++i) {
+    const TimeNs between = retained_[i + 1].frame.time_ns - retained_[i - 1].frame.time_ns;
+    if (between < closest) closest = between, goes = i;
+  }
+  retained_.erase(retained_.begin() + static_cast<std::ptrdiff_t>(goes));
+  --start_reference_;
+}
+
+void Odometry::Impl::InterpolateThinned(std::size_t first, std::size_t last) {
+  std::lock_guard lock(mutex_);
+  std::size_t before = first;
+  for (std::size_t after = first; after <= last; ++after) {
+    if (results_[after].keyframe < 0) continue;
+    const FrameResult &from = results_[before], &to = results_[after];
+    const double step_s = ToSeconds(to.time_ns - from.time_ns);
+    for (std::size_t i = before + 1; from.keyframe >= 0 && step_s > 0.0 && i < after; ++i) {
+      FrameResult& result = results_[i];
+      const double share = ToSeconds(result.time_ns - from.time_ns) / step_s;
+      const SE3 pose = Between(DirectFromCamera(from), DirectFromCamera(to), share);
+      result.keyframe = to.keyframe;
+      result.keyframe_from_camera =
+          keyframes_[static_cast<std::size_t>(to.keyframe)].direct_from_camera.Inverse() * pose;
+      result.direct_from_camera = pose;
+      result.quality = kInterpolatedQuality;
+      result.state = TrackingState::kPoor;
+      result.message = "between its neighbours: its image was dropped during a long wait for the start";
+    }
+    before = after;
+  }
 }
 
 // Gain (beyond that of the exposure times) and offset that take intensities at the corners from the reference to the
@@ -253,7 +290,8 @@ void Odometry::Impl::RetrackRetained(const StartResult& start, std::size_t refer
       pose = window_.keyframe(static_cast<int>(before)).camera_from_direct *
              window_.keyframe(static_cast<int>(nearest)).camera_from_direct.Inverse() * pose;
     }
-    StoreRetracked(retained_[i].position, references[before]->keyframe, pose, good ? Quality(outcome) : 0.3);
+    StoreRetracked(retained_[i].position, references[before]->keyframe, pose,
+                   good ? Quality(outcome) : kInterpolatedQuality);
   }
   // Before the reference: backwards against the first keyframe, until it is out of sight.
   SE3 guess, motion;

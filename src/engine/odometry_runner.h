@@ -21,7 +21,7 @@ namespace cairn::engine {
 struct OdometryRunnerOptions {
   direct::OdometryOptions odometry;
   bool in_background = true;  // map in a thread of its own
-  int max_pending = 4;        // frames tracked and not mapped yet
+  int max_pending = 2;        // frames tracked and not mapped yet
 
   absl::Status Validate() const;
 };
