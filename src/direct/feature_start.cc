@@ -190,7 +190,10 @@ StartResult FeatureStart::Add(const Frame& frame) {
   const int alive = static_cast<int>(std::count(alive_.begin(), alive_.end(), true));
   if (enough) {
     result = Solve();
-    if (result.success) return result;
+    if (result.success) {
+      solved_count_ = alive;
+      return result;
+    }
   } else {
     result.message = absl::StrFormat("lost the corners it followed: %d of %d are left", alive, first_count_);
   }
@@ -202,6 +205,44 @@ StartResult FeatureStart::Add(const Frame& frame) {
     if (first_count_ < options_.start_min_features) Reset();
   }
   return result;
+}
+
+bool FeatureStart::Continue(const Frame& frame) {
+  return Follow(frame.image) && 2 * std::count(alive_.begin(), alive_.end(), true) >= solved_count_;
+}
+
+StartResult FeatureStart::SolveAgain() {
+  last_attempt_parallax_rad_ = 0.0;
+  return Solve();
+}
+
+double FeatureStart::CostOf(const std::vector<std::optional<SE3>>& camera_from_reference) const {
+  StructureProblem problem;
+  problem.camera = camera_;
+  std::vector<int> frames;
+  for (int f = 1; f < FrameCount(); ++f) {
+    if (camera_from_reference[f]) frames.push_back(f);
+  }
+  if (frames.empty()) return 1e300;
+  const int known = static_cast<int>(frames.size()), count = std::min(known, kMaxViews);
+  for (int v = 1; v <= count; ++v) {
+    const int f = frames[(v * known) / count - 1];
+    problem.camera_from_reference.push_back(*camera_from_reference[f]);
+    problem.observed_px.emplace_back();
+    for (std::size_t i = 0; i < alive_.size(); ++i) {
+      if (alive_[i]) problem.observed_px.back().emplace_back(tracks_[f][i].x, tracks_[f][i].y);
+    }
+  }
+  for (std::size_t i = 0; i < alive_.size(); ++i) {
+    if (!alive_[i]) continue;
+    const Vector2d first(tracks_.front()[i].x, tracks_.front()[i].y);
+    const Vector2d& last = problem.observed_px.back()[problem.reference_px.size()];
+    problem.reference_px.push_back(first);
+    problem.inverse_depth.push_back(TriangulateInverseDepth(camera_.Unproject(first), camera_.Unproject(last),
+                                                            problem.camera_from_reference.back()));
+  }
+  if (static_cast<int>(problem.reference_px.size()) < options_.start_min_features) return 1e300;
+  return Cost(AdjustDepths(5, &problem));
 }
 
 StartResult FeatureStart::Solve() {

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -41,6 +42,13 @@ class FeatureStart {
   // Forgets everything: the next frame becomes the reference.
   void Reset();
   StartResult Add(const Frame& frame);
+  // After a success: follows the corners on without a new answer. False once fewer than half of them are left.
+  bool Continue(const Frame& frame);
+  // A new answer from all frames since the reference.
+  StartResult SolveAgain();
+  // How well poses of all frames since the reference (identity first) explain the corners, as StartResult::cost; large
+  // if too few corners are left to tell. Frames that are not known are left out.
+  double CostOf(const std::vector<std::optional<SE3>>& camera_from_reference) const;
   // Frames since and with the reference.
   int FrameCount() const { return static_cast<int>(tracks_.size()); }
 
@@ -61,7 +69,8 @@ class FeatureStart {
   std::vector<std::vector<cv::Point2f>> tracks_;  // [frame since reference][corner]
   int first_count_ = 0;
   double last_attempt_parallax_rad_ = 0.0;
-  int misfits_ = 0;  // attempts with this reference
+  int solved_count_ = 0;  // corners left when the start succeeded
+  int misfits_ = 0;       // attempts with this reference
 };
 
 }  // namespace cairn::direct

@@ -142,6 +142,7 @@ int Odometry::Impl::PendingFrames() const {
 
 std::vector<KeyframePacket> Odometry::Impl::TakePackets() {
   std::lock_guard lock(mutex_);
+  if (start_doubted_) return {};
   std::vector<KeyframePacket> packets(std::make_move_iterator(packets_.begin()),
                                       std::make_move_iterator(packets_.end()));
   packets_.clear();

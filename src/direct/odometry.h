@@ -42,7 +42,8 @@ struct OdometryStatistics {
   std::int64_t frames = 0;
   std::int64_t frames_tracked = 0;  // with a pose, counting those tracked after the start
   std::int64_t keyframes = 0;
-  std::int64_t segments = 0;  // starts that succeeded
+  std::int64_t segments = 0;       // starts that succeeded
+  std::int64_t starts_undone = 0;  // found wrong by what followed, and replaced
 };
 
 // A keyframe's best pose so far; final once it has left the window.
@@ -80,7 +81,8 @@ class Odometry {
   bool MapNext();
   int PendingFrames() const;
 
-  // Packets of the keyframes that left the window since the last call, in the order of leaving.
+  // Packets of the keyframes that left the window since the last call, in the order of leaving. None while a start may
+  // still be undone: then its keyframes, and the poses of its frames, are replaced (direct/odometry_confirmation.cc).
   std::vector<KeyframePacket> TakePackets();
   // The packet of a keyframe that is still in the window; NotFound otherwise. Not at the same time as MapNext().
   absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
@@ -99,6 +101,7 @@ class Odometry {
 
  private:
   class Impl;
+  friend class OdometryPeer;  // of the tests
   explicit Odometry(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };

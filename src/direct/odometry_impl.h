@@ -1,9 +1,11 @@
 // The state of Odometry. Files: odometry.cc (interface, results, packets), odometry_tracking.cc (poses of frames),
-// odometry_mapping.cc (keyframes), odometry_start.cc (first keyframes).
+// odometry_mapping.cc (keyframes), odometry_start.cc (first keyframes),
+// odometry_confirmation.cc (was the start right).
 #pragma once
 
 #include <chrono>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -39,6 +41,8 @@ class Odometry::Impl {
   std::vector<FrameResult> FrameResults() const;
   std::vector<KeyframePose> KeyframeTrajectory() const;
   OdometryStatistics Statistics() const;
+  // For tests: what every start passes through before it is used.
+  void AlterStarts(std::function<void(StartResult*)> alter) { alter_start_ = std::move(alter); }
 
  private:
   enum class Mode { kStarting, kTracking };
@@ -106,6 +110,7 @@ class Odometry::Impl {
 
   // odometry_start.cc
   void AddToStart(const Job& job);
+  void AdoptStart(const StartResult& start);
   void ThinRetained();
   void InterpolateThinned(std::size_t first, std::size_t last);  // in results_
   bool BuildFirstWindow(const StartResult& start, std::size_t reference_at, std::string* message);
@@ -113,6 +118,12 @@ class Odometry::Impl {
                          const SE3& view_from_reference) const;
   void RetrackRetained(const StartResult& start, std::size_t reference_at);
   void StoreRetracked(std::size_t position, std::int64_t keyframe, const SE3& keyframe_from_camera, double quality);
+
+  // odometry_confirmation.cc
+  void DoubtStart(const Frame& frame, std::size_t position, bool tracked);
+  bool StartIsWrong(StartResult* better);
+  void UndoStart(const StartResult& better);
+  void TrustStart();
 
   const OdometryOptions options_;
   const Pinhole camera_;
@@ -156,6 +167,9 @@ class Odometry::Impl {
   Job last_frame_;                   // the last one mapped, if it is no keyframe
   std::deque<Retained> lost_;        // frames since the last tracked one, at most max_lost_frames
   std::size_t start_reference_ = 0;  // in retained_
+  int start_frames_ = 0;             // from the reference to the last one of the start
+  bool start_doubted_ = false;       // the frames of the start are still kept; packets are held back
+  std::function<void(StartResult*)> alter_start_;
   std::vector<SelectedPixel> selected_;
 };
 

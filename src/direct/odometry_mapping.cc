@@ -31,6 +31,7 @@ bool Odometry::Impl::MapNext() {
   }
   if (job.lost) {
     lost_.push_back({job.frame, job.position});
+    DoubtStart(job.frame, job.position, false);
     if (job.restart) {
       FlushWindow();
       RequeueLost();
@@ -56,6 +57,8 @@ bool Odometry::Impl::MapNext() {
   }
   lost_.clear();
   last_frame_ = {};
+  const Frame frame = job.data->frame;
+  const std::size_t position = job.position;
   if (job.keyframe) {
     MakeKeyframe(job);
     std::lock_guard lock(mutex_);
@@ -65,6 +68,7 @@ bool Odometry::Impl::MapNext() {
     TraceFrame(*job.data, (KeyframePoseOf(job.reference) * job.keyframe_from_camera).Inverse(), job.light);
     last_frame_ = std::move(job);
   }
+  DoubtStart(frame, position, true);
   return true;
 }
 
@@ -320,6 +324,7 @@ void Odometry::Impl::FlushWindow() {
       keyframes_[static_cast<std::size_t>(window_.keyframe(k).id)].still_active = false;
     }
     references_.clear();
+    start_doubted_ = false;
   }
   if (!window_.empty()) ++segment_;
   window_.Clear();

@@ -29,6 +29,7 @@ void Odometry::Impl::AddToStart(const Job& job) {
     if (start.new_reference || start_.FrameCount() == 0) start_reference_ = retained_.size() - 1;
     while (start_reference_ > static_cast<std::size_t>(options_.max_retained_frames)) ThinRetained();
     if (start.success) {
+      if (alter_start_) alter_start_(&start);
       std::string message;
       if (!BuildFirstWindow(start, start_reference_, &message)) {
         start.success = false;
@@ -47,17 +48,21 @@ void Odometry::Impl::AddToStart(const Job& job) {
     return;
   }
   const std::lock_guard track_lock(track_mutex_);
+  AdoptStart(start);
+}
+
+// The first window stands: poses for the frames that waited. track_mutex_ held.
+void Odometry::Impl::AdoptStart(const StartResult& start) {
   lost_frames_ = 0;
   first_rms_reference_ = -1;
   last_rms_ = 0.0;
   RetrackRetained(start, start_reference_);
   InterpolateThinned(retained_.front().position, retained_[start_reference_].position);
   last_light_ = window_.newest().light;
-  retained_.clear();
-  start_reference_ = 0;
-  start_.Reset();
+  start_frames_ = start_.FrameCount();
   std::lock_guard lock(mutex_);
   mode_ = Mode::kTracking;
+  start_doubted_ = true;
   // The start needed many pyramids at once, tracking needs few.
   std::erase_if(pool_, [](const std::shared_ptr<FrameData>& data) { return data.use_count() == 1; });
 #ifdef __GLIBC__

@@ -36,6 +36,48 @@ double Energy(const StructureProblem& problem) {
   return energy;
 }
 
+// What fits at the current estimate.
+StructureReport Report(const StructureProblem& problem) {
+  const auto views = static_cast<Eigen::Index>(problem.camera_from_reference.size());
+  const auto points = static_cast<Eigen::Index>(problem.inverse_depth.size());
+  StructureReport report;
+  report.inlier.assign(problem.inverse_depth.size(), false);
+  report.relative_depth_sigma.assign(problem.inverse_depth.size(), 1e9);
+  double sum = 0.0;
+  int count = 0, inliers = 0;
+  for (Eigen::Index p = 0; p < points; ++p) {
+    double point_sum = 0.0, information = 0.0;
+    int point_count = 0;
+    bool front = problem.inverse_depth[p] > 0.0;
+    for (Eigen::Index v = 0; v < views; ++v) {
+      if (!Observed(problem.observed_px[v][p])) continue;
+      Vector2d r, by_depth;
+      Eigen::Matrix<double, 2, 6> j;
+      if (!StructureResidual(problem.camera, problem.reference_px[p], problem.inverse_depth[p],
+                             problem.camera_from_reference[v], problem.observed_px[v][p], &r, &j, &by_depth)) {
+        front = false;
+        continue;
+      }
+      point_sum += r.squaredNorm();
+      information += by_depth.squaredNorm();
+      ++point_count;
+    }
+    if (information > 0.0) {
+      report.relative_depth_sigma[p] =
+          1.0 / (std::sqrt(information) * std::max(std::abs(problem.inverse_depth[p]), 1e-9));
+    }
+    const double limit = 2.0 * kStructureHuberPx;
+    if (!front || point_count == 0 || point_sum > limit * limit * point_count) continue;
+    report.inlier[p] = true;
+    ++inliers;
+    sum += point_sum;
+    count += point_count;
+  }
+  report.rms_px = count > 0 ? std::sqrt(sum / count) : 1e9;
+  report.inlier_share = points > 0 ? static_cast<double>(inliers) / static_cast<double>(points) : 0.0;
+  return report;
+}
+
 }  // namespace
 
 bool StructureResidual(const Pinhole& camera, const Vector2d& reference_px, double inverse_depth, const SE3& pose,
@@ -152,42 +194,30 @@ StructureReport AdjustStructure(int iterations, StructureProblem* problem) {
       if (damping > 1e6) break;
     }
   }
-  StructureReport report;
-  report.inlier.assign(problem->inverse_depth.size(), false);
-  report.relative_depth_sigma.assign(problem->inverse_depth.size(), 1e9);
-  double sum = 0.0;
-  int count = 0, inliers = 0;
-  for (Eigen::Index p = 0; p < points; ++p) {
-    double point_sum = 0.0, information = 0.0;
-    int point_count = 0;
-    bool front = problem->inverse_depth[p] > 0.0;
-    for (Eigen::Index v = 0; v < views; ++v) {
-      if (!Observed(problem->observed_px[v][p])) continue;
-      Vector2d r, by_depth;
-      Eigen::Matrix<double, 2, 6> j;
-      if (!StructureResidual(problem->camera, problem->reference_px[p], problem->inverse_depth[p],
-                             problem->camera_from_reference[v], problem->observed_px[v][p], &r, &j, &by_depth)) {
-        front = false;
-        continue;
+  return Report(*problem);
+}
+
+StructureReport AdjustDepths(int iterations, StructureProblem* problem) {
+  for (std::size_t p = 0; p < problem->inverse_depth.size(); ++p) {
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+      double h = 1e-6, b = 0.0;
+      for (std::size_t v = 0; v < problem->camera_from_reference.size(); ++v) {
+        const Vector2d& observed = problem->observed_px[v][p];
+        Vector2d r, by_depth;
+        Eigen::Matrix<double, 2, 6> j;
+        if (!Observed(observed) ||
+            !StructureResidual(problem->camera, problem->reference_px[p], problem->inverse_depth[p],
+                               problem->camera_from_reference[v], observed, &r, &j, &by_depth)) {
+          continue;
+        }
+        const double w = HuberWeight(r.squaredNorm());
+        h += w * by_depth.squaredNorm();
+        b += w * by_depth.dot(r);
       }
-      point_sum += r.squaredNorm();
-      information += by_depth.squaredNorm();
-      ++point_count;
+      problem->inverse_depth[p] -= b / h;
     }
-    if (information > 0.0) {
-      report.relative_depth_sigma[p] =
-          1.0 / (std::sqrt(information) * std::max(std::abs(problem->inverse_depth[p]), 1e-9));
-    }
-    const double limit = 2.0 * kStructureHuberPx;
-    if (!front || point_count == 0 || point_sum > limit * limit * point_count) continue;
-    report.inlier[p] = true;
-    ++inliers;
-    sum += point_sum;
-    count += point_count;
   }
-  report.rms_px = count > 0 ? std::sqrt(sum / count) : 1e9;
-  report.inlier_share = points > 0 ? static_cast<double>(inliers) / static_cast<double>(points) : 0.0;
-  return report;
+  return Report(*problem);
 }
 
 }  // namespace cairn::direct

@@ -35,6 +35,9 @@ double AlignView(const StructureProblem& problem, const std::vector<Vector2d>& o
 // Moves everything; the scale stays where damping leaves it.
 StructureReport AdjustStructure(int iterations, StructureProblem* problem);
 
+// Moves the depths only, each by itself.
+StructureReport AdjustDepths(int iterations, StructureProblem* problem);
+
 // Residual (2) and its derivatives by the left increment of camera_from_reference (2x6) and by the inverse depth (2).
 // False behind the camera.
 bool StructureResidual(const Pinhole& camera, const Vector2d& reference_px, double inverse_depth, const SE3& pose,
