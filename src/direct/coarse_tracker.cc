@@ -11,9 +11,10 @@ namespace {
 
 constexpr int kIterations[kMaxLevels] = {10, 20, 50, 50, 50, 50, 50, 50};
 constexpr double kInitialDamping = 0.01;
-constexpr double kSmallStep = 1e-4;         // of level 0, rad and baseline in units of the scene
-constexpr int kMaxRejected = 3;             // in a row
-constexpr double kMaxSaturatedShare = 0.6;  // beyond it the cutoff is doubled
+constexpr double kSmallStep = 1e-4;          // of level 0, rad and baseline in units of the scene
+constexpr double kResidualSigmaGray = 10.0;  // of a residual, beside the prior of the motion
+constexpr int kMaxRejected = 3;              // in a row
+constexpr double kMaxSaturatedShare = 0.6;   // beyond it the cutoff is doubled
 constexpr int kMaxCutoffDoublings = 6;
 constexpr float kFarOut = -1e6f;  // padding pixel, never inside an image
 // Units of the increment for the step size and for conditioning: rad and baseline, log gain, gray levels.
@@ -21,8 +22,9 @@ constexpr double kStepScale[kTrackingUnknowns] = {0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 
 
 struct LevelSystem {
   TrackingKernelSums sums;
-  double rms = 0.0;   // sqrt of mean energy
-  double cost = 0.0;  // the same with the prior
+  double rms = 0.0;                                                          // sqrt of mean energy
+  double cost = 0.0;                                                         // the same with the priors
+  Eigen::Matrix<double, 6, 1> motion = Eigen::Matrix<double, 6, 1>::Zero();  // from the guess
 };
 
 }  // namespace
@@ -101,6 +103,11 @@ void CoarseTracker::BuildReference(const ImagePyramid& image, const std::vector<
       }
     }
     out.count = static_cast<int>(out.x.size());
+    if (level == 0 && out.count > 0) {
+      double sum = 0.0;
+      for (const float inverse_depth : out.inverse_depth) sum += inverse_depth;
+      reference->mean_inverse_depth = sum / out.count;
+    }
     while (out.x.size() % 8 != 0) {
       out.x.push_back(kFarOut), out.y.push_back(kFarOut);
       out.inverse_depth.push_back(1.0f), out.color.push_back(0.0f);
@@ -108,12 +115,19 @@ void CoarseTracker::BuildReference(const ImagePyramid& image, const std::vector<
   }
 }
 
-TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const FrameData& data, const SE3& guess,
-                                     const AffineLight& light, const LightPrior& prior, const double* give_up_rms,
-                                     double* level_rms) const {
+TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const FrameData& data,
+                                     const MotionGuess& guess, const AffineLight& light, const LightPrior& prior,
+                                     const double* give_up_rms, double* level_rms) const {
   const ImagePyramid& image = data.pyramid;
   TrackingOutcome outcome;
-  SE3 pose = guess;
+  SE3 pose = guess.new_from_reference;
+  const SE3 reference_from_guess = pose.Inverse();
+  Eigen::Matrix<double, 6, 1> motion_weight = Eigen::Matrix<double, 6, 1>::Zero();
+  if (guess.sigma_px > 0.0) {
+    const double rotation = kResidualSigmaGray * geometry_.camera[0].fx_px / guess.sigma_px;
+    const double translation = rotation * reference.mean_inverse_depth;
+    motion_weight << Vector3d::Constant(translation * translation), Vector3d::Constant(rotation * rotation);
+  }
   AffineLight current = light;
   const double exposure_ratio = ExposureRatio(data.frame.exposure_gain, reference.exposure_gain);
   for (int level = geometry_.levels - 1; level >= 0; --level) {
@@ -140,7 +154,9 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const F
       LevelSystem system;
       kernel_(input, &system.sums);
       const float visible = static_cast<float>(system.sums.visible);
-      const float with_prior = system.sums.energy + static_cast<float>(prior.Energy(at_light));
+      system.motion = (at * reference_from_guess).Log();
+      const double motion_energy = motion_weight.dot(system.motion.cwiseAbs2());
+      const float with_prior = system.sums.energy + static_cast<float>(prior.Energy(at_light) + motion_energy);
       system.rms = visible > 0.0f ? std::sqrt(system.sums.energy / visible) : 1e9;
       system.cost = visible > 0.0f ? std::sqrt(with_prior / visible) : 1e9;
       return system;
@@ -158,6 +174,10 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const F
       for (int r = 0; r < 8; ++r) {
         b[r] = system.sums.b[r] * kStepScale[r];
         for (int c = 0; c < 8; ++c) h(r, c) = system.sums.h[8 * r + c] * kStepScale[r] * kStepScale[c];
+      }
+      for (int r = 0; r < 6; ++r) {
+        b[r] += motion_weight[r] * system.motion[r] * kStepScale[r];
+        h(r, r) += motion_weight[r] * kStepScale[r] * kStepScale[r];
       }
       b[6] += prior.a * current.a * kStepScale[6];
       b[7] += prior.b * current.b * kStepScale[7];

@@ -32,6 +32,15 @@ struct TrackingReference {
     std::vector<float> x, y, inverse_depth, color;  // padded to a multiple of 8
   };
   Level level[kMaxLevels];
+  double mean_inverse_depth = 1.0;
+};
+
+// Where an alignment starts and how far from it the true motion may be, in pixels of level 0 (standard deviation of
+// rotation and, for a point at the reference's mean depth, of translation; 0: unknown). It decides only what the image
+// leaves open, such as the motion along a blank wall.
+struct MotionGuess {
+  SE3 new_from_reference;
+  double sigma_px = 0.0;
 };
 
 struct TrackingOutcome {
@@ -55,7 +64,7 @@ class CoarseTracker {
 
   // Aligns from one hypothesis. Gives up early (converged false) where a level ends above `give_up_rms[level]`, entries
   // of 0 never give up; on return `level_rms` has what each level reached. `prior` is of the new frame's light.
-  TrackingOutcome Align(const TrackingReference& reference, const FrameData& data, const SE3& guess,
+  TrackingOutcome Align(const TrackingReference& reference, const FrameData& data, const MotionGuess& guess,
                         const AffineLight& light, const LightPrior& prior, const double* give_up_rms,
                         double* level_rms) const;
 

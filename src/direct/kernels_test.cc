@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -217,7 +218,7 @@ TEST(CoarseTracker, FindsAKnownMotionAndGain) {
   tracker.BuildReference(a, points, &reference);
   const double never[kMaxLevels] = {};
   double rms[kMaxLevels];
-  const TrackingOutcome outcome = tracker.Align(reference, b, SE3(), {}, {}, never, rms);
+  const TrackingOutcome outcome = tracker.Align(reference, b, {}, {}, {}, never, rms);
   ASSERT_TRUE(outcome.converged);
   const SE3 error = outcome.new_from_reference * (world_from_b.Inverse() * world_from_a).Inverse();
   EXPECT_LT(error.translation().norm(), 0.003);
@@ -225,16 +226,61 @@ TEST(CoarseTracker, FindsAKnownMotionAndGain) {
   EXPECT_NEAR(std::exp(outcome.light.a), 1.2, 0.03);
   // A strong prior holds the gain; with the exposure known there is nothing left for it.
   const LightPrior strong{1e12, 1e12};
-  const TrackingOutcome held = tracker.Align(reference, b, SE3(), {}, strong, never, rms);
+  const TrackingOutcome held = tracker.Align(reference, b, {}, {}, strong, never, rms);
   EXPECT_NEAR(held.light.a, 0.0, 1e-3);
   EXPECT_GT(held.rms_gray, 1.5 * outcome.rms_gray);
   reference.exposure_gain = 1.0;
   b.frame.exposure_gain = 1.2;
-  const TrackingOutcome known = tracker.Align(reference, b, SE3(), {}, strong, never, rms);
+  const TrackingOutcome known = tracker.Align(reference, b, {}, {}, strong, never, rms);
   EXPECT_LT(known.rms_gray, 1.1 * outcome.rms_gray);
   EXPECT_NEAR(known.light.a, 0.0, 1e-3);
   EXPECT_GT(outcome.good_share, 0.8);
   EXPECT_GT(outcome.flow_px, 1.0);
+}
+
+// Vertical stripes and noise: nothing in the image tells how far the camera moved along them.
+TEST(CoarseTracker, FollowsThePredictionWhereTheImageIsSilent) {
+  const Pinhole camera = testing::TestCamera();
+  const PyramidGeometry geometry = PyramidGeometry::Make(camera, false, 6, 400);
+  Random random(5);
+  const auto render = [&](double shift_px, std::int64_t index) {
+    Frame frame;
+    frame.index = index;
+    frame.image.create(camera.height_px, camera.width_px, CV_8UC1);
+    for (int y = 0; y < camera.height_px; ++y) {
+      for (int x = 0; x < camera.width_px; ++x) {
+        const double value =
+            40.0 + 150.0 * testing::ValueNoise(0.08 * (x - shift_px), 0.0, 3) + random.Normal(0.0, 5.0);
+        frame.image.at<unsigned char>(y, x) = static_cast<unsigned char>(std::clamp(value, 0.0, 255.0));
+      }
+    }
+    return frame;
+  };
+  ImagePyramid a;
+  FrameData b;
+  a.Build(render(0.0, 0), geometry);
+  b.frame = render(3.0, 1);
+  b.pyramid.Build(b.frame, geometry);
+  std::vector<ReferencePoint> points;
+  for (int y = 6; y < 138; y += 7) {
+    for (int x = 6; x < 186; x += 7) points.push_back({static_cast<float>(x), static_cast<float>(y), 1.0f, 1.0f});
+  }
+  CoarseTracker tracker(geometry, 9.0, 20.0);
+  TrackingReference reference;
+  tracker.BuildReference(a, points, &reference);
+  EXPECT_NEAR(reference.mean_inverse_depth, 1.0, 1e-6);
+  const double never[kMaxLevels] = {};
+  double rms[kMaxLevels];
+  const SE3 predicted(Quaterniond::Identity(), Vector3d(0.0, 0.02, 0.0));
+  const auto off_px = [&](double sigma_px) {
+    const TrackingOutcome outcome = tracker.Align(reference, b, {predicted, sigma_px}, {}, {}, never, rms);
+    const Vector2d moved = camera.Project(outcome.new_from_reference * Vector3d(0.0, 0.0, 1.0));
+    EXPECT_NEAR(moved.x() - camera.cx_px, 3.0, 0.3) << sigma_px;  // across the stripes the image decides
+    return std::abs(moved.y() - camera.cy_px - camera.fy_px * 0.02);
+  };
+  const double free_px = off_px(0.0), held_px = off_px(2.0);
+  EXPECT_LT(held_px, 0.5);
+  EXPECT_GT(free_px, 2.0 * held_px);
 }
 
 }  // namespace

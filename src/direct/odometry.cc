@@ -252,6 +252,7 @@ absl::StatusOr<FrameResult> Odometry::Process(const Frame& frame) {
 absl::StatusOr<FrameResult> Odometry::Track(const Frame& frame) { return impl_->Track(frame); }
 bool Odometry::MapNext() { return impl_->MapNext(); }
 int Odometry::PendingFrames() const { return impl_->PendingFrames(); }
+bool Odometry::AwaitsKeyframe() const { return impl_->AwaitsKeyframe(); }
 std::vector<KeyframePacket> Odometry::TakePackets() { return impl_->TakePackets(); }
 absl::StatusOr<KeyframePacket> Odometry::PacketOf(std::int64_t keyframe) const { return impl_->PacketOf(keyframe); }
 void Odometry::Finish() { impl_->Finish(); }

@@ -80,6 +80,9 @@ class Odometry {
   // Maps the oldest frame handed over (traces points, or makes it a keyframe); false if there was none.
   bool MapNext();
   int PendingFrames() const;
+  // The view is running out of known points, and the keyframe that brings new ones is not made yet: with two threads,
+  // the next Track() should wait for MapNext().
+  bool AwaitsKeyframe() const;
 
   // Packets of the keyframes that left the window since the last call, in the order of leaving. None while a start may
   // still be undone: then its keyframes, and the poses of its frames, are replaced (direct/odometry_confirmation.cc).

@@ -30,6 +30,10 @@ class Odometry::Impl {
   absl::StatusOr<FrameResult> Track(const Frame& frame);
   bool MapNext();
   int PendingFrames() const;
+  bool AwaitsKeyframe() const {
+    std::lock_guard lock(mutex_);
+    return keyframe_queued_ && keyframe_awaited_;
+  }
   FrameResult Result(std::size_t position) const;
   std::size_t FrameCount() const {
     std::lock_guard lock(mutex_);
@@ -88,7 +92,9 @@ class Odometry::Impl {
   FrameResult TrackFrame(const Frame& frame, std::size_t position, Job* job);
   const std::vector<SE3>& Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide);
   bool AlignBest(const TrackingReference& reference, const FrameData& data, const std::vector<SE3>& guesses,
-                 double expected_rms, TrackingOutcome* best) const;
+                 double sigma_px, double expected_rms, TrackingOutcome* best) const;
+  double MotionSigmaPx() const;
+  void LearnPredictionError(const TrackingReference& reference, const SE3& predicted, const SE3& found);
   bool SearchReferences(std::span<const std::shared_ptr<const TrackingReference>> newest_first, const FrameData& data,
                         TimeNs time_ns, TrackingOutcome* outcome, std::shared_ptr<const TrackingReference>* found);
   bool Plausible(const TrackingReference& reference, const FrameData& data, const TrackingOutcome& outcome) const;
@@ -136,6 +142,7 @@ class Odometry::Impl {
   std::vector<Job> jobs_;  // few; a deque would allocate for each
   int untracked_jobs_ = 0;
   bool keyframe_queued_ = false;
+  bool keyframe_awaited_ = false;  // the last frame sees few points of its reference
   std::vector<FrameResult> results_;
   std::vector<KeyframePose> keyframes_;
   std::vector<std::shared_ptr<const TrackingReference>> references_;  // newest last
@@ -151,6 +158,8 @@ class Odometry::Impl {
   std::int64_t first_rms_reference_ = -1;
   double first_rms_ = 0.0;
   double last_rms_ = 0.0;
+  double prediction_variance_px2_ = 0.0;  // of the motion predicted for the last frames, see MotionGuess
+  double predicted_steps_ = 1.0;          // time to the frame in units of the time between the two before it
   int lost_frames_ = 0;
   AffineLight last_light_;
   std::vector<SE3> guesses_;  // keeps its memory

@@ -47,13 +47,15 @@ struct OdometryOptions {
   double keyframe_full_flow_weight = 0.02;  // the same of the full flow
   double keyframe_affine_weight = 2.0;      // per unit of |log gain|
   double keyframe_residual_ratio = 2.0;     // of the root mean square residual against the keyframe's first
+  double keyframe_min_tracked_share = 0.7;  // of the reference's points in view: fewer, and new points are needed
   double min_visible_share = 0.05;          // marginalize a keyframe with fewer of its points visible in the newest
   double max_affine_change = 0.7;           // marginalize a keyframe with |log gain| to the newest beyond
 
   // Tracking.
   double coarse_cutoff_gray = 20.0;
-  double min_tracked_share = 0.25;  // of reference points inside the image and below the cutoff
-  int max_lost_frames = 30;         // after as many frames a new segment starts
+  double min_tracked_share = 0.25;   // of reference points inside the image and below the cutoff
+  double motion_sigma_factor = 3.0;  // times the errors of the last predictions: the prior of a frame's motion
+  int max_lost_frames = 30;          // after as many frames a new segment starts
 
   // Start.
   int start_features = 500;

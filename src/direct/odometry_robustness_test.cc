@@ -64,13 +64,14 @@ Outcome Play(const std::function<bool(Frame*)>& spoil) {
 
 // Root mean square position error over the frames with a pose, scale fitted, as a share of the largest distance from
 // the first of them.
-double RelativeError(const std::vector<FrameResult>& results) {
+double RelativeError(const std::vector<FrameResult>& results,
+                     const std::function<SE3(double)>& pose_at = testing::SwayPose) {
   std::vector<Vector3d> truth, estimate;
   const FrameResult* first = nullptr;
   for (const FrameResult& r : results) {
     if (r.keyframe < 0) continue;
     if (first == nullptr) first = &r;
-    const auto pose = [](const FrameResult& of) { return testing::SwayPose(static_cast<double>(of.index)); };
+    const auto pose = [&](const FrameResult& of) { return pose_at(static_cast<double>(of.index)); };
     truth.push_back(pose(*first).Inverse() * pose(r).translation());
     estimate.push_back(first->direct_from_camera.Inverse() * r.direct_from_camera.translation());
   }
@@ -94,6 +95,22 @@ TEST(OdometryRobustness, FramesThatAreMissingForHalfASecondCostNothingElse) {
   EXPECT_EQ(Untracked(outcome.final), 0);
   EXPECT_EQ(outcome.statistics.segments, 1);
   EXPECT_LT(RelativeError(outcome.final), 0.015);
+}
+
+// Turning along a wall without texture, seen between two that have some: new points are taken while old ones are in
+// view.
+TEST(OdometryRobustness, ABlankWallIsPassed) {
+  const testing::Scene scene(2.2);
+  const auto pose = [](double t) {
+    return SE3(ExpSO3(Vector3d(0.0, -0.5 + 0.022 * t, 0.0)), Vector3d(0.02 * t - 0.4, 0.03 * std::sin(0.1 * t), 0.0));
+  };
+  const auto odometry = MakeOdometry();
+  for (int i = 0; i < 48; ++i) ASSERT_TRUE(odometry->Process(scene.Render(testing::TestCamera(), pose(i), i)).ok());
+  odometry->Finish();
+  const std::vector<FrameResult> results = odometry->FrameResults();
+  EXPECT_EQ(Untracked(results), 0);
+  EXPECT_EQ(odometry->Statistics().segments, 1);
+  EXPECT_LT(RelativeError(results, pose), 0.03);
 }
 
 TEST(OdometryRobustness, ASuddenChangeOfExposureIsFollowed) {

@@ -17,6 +17,7 @@ constexpr int kFirstOptimizationIterations = 25;
 constexpr int kMinFirstPoints = 100;
 constexpr double kMaxFirstRmsGray = 9.0;
 constexpr double kInterpolatedQuality = 0.3;
+constexpr double kFirstPredictionErrorPx = 4.0;
 
 }  // namespace
 
@@ -56,6 +57,7 @@ void Odometry::Impl::AdoptStart(const StartResult& start) {
   lost_frames_ = 0;
   first_rms_reference_ = -1;
   last_rms_ = 0.0;
+  prediction_variance_px2_ = kFirstPredictionErrorPx * kFirstPredictionErrorPx;
   RetrackRetained(start, start_reference_);
   InterpolateThinned(retained_.front().position, retained_[start_reference_].position);
   last_light_ = window_.newest().light;
@@ -284,7 +286,7 @@ void Odometry::Impl::RetrackRetained(const StartResult& start, std::size_t refer
     const std::shared_ptr<FrameData> data = NewFrameData(retained_[i].frame);
     const TrackingReference& reference = *references[nearest];
     const TrackingOutcome outcome =
-        tracker_.Align(reference, *data, guess, reference.light,
+        tracker_.Align(reference, *data, {guess}, reference.light,
                        PriorOf(data->frame, options_.affine_a_sigma, options_.affine_b_sigma_gray), never, rms);
     const bool good = Plausible(reference, *data, outcome);
     // All hang on the keyframe before them, so that they follow both (direct/frame_spread.h).
@@ -306,7 +308,7 @@ void Odometry::Impl::RetrackRetained(const StartResult& start, std::size_t refer
     const TrackingReference& reference = *references.front();
     last_light_ = light;
     TrackingOutcome outcome;
-    if (!AlignBest(reference, *data, {motion * guess, guess}, last_rms_, &outcome)) break;
+    if (!AlignBest(reference, *data, {motion * guess, guess}, 0.0, last_rms_, &outcome)) break;
     motion = outcome.new_from_reference * guess.Inverse();
     guess = outcome.new_from_reference;
     light = outcome.light;

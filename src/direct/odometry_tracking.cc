@@ -14,9 +14,11 @@ namespace {
 constexpr double kRotationStepRad = 0.02;
 constexpr double kGoodEnoughRmsRatio = 1.5;  // against the last frame: further hypotheses are not tried
 constexpr double kMaxLogGain = 1.2;          // against the reference; a black image fits any gain
-constexpr double kMaxVelocityRatio = 5.0;    // a gap is bridged by at most as many times the last motion
-constexpr std::size_t kMaxReferences = 8;    // tried when lost
-constexpr double kSureQuality = 0.8;         // from here on an alignment is believed without a second opinion
+constexpr double kMinMotionSigmaPx = 2.0;
+constexpr double kPredictionMemory = 0.8;  // weight of what was known of prediction errors before the last frame
+constexpr double kMaxVelocityRatio = 5.0;  // a gap is bridged by at most as many times the last motion
+constexpr std::size_t kMaxReferences = 8;  // tried when lost
+constexpr double kSureQuality = 0.8;       // from here on an alignment is believed without a second opinion
 constexpr double kMinAgreement = 0.25;  // of the textured cells (see alignment_check.h): fewer and it is another place
 constexpr std::size_t kMaxSearchedReferences = 4;  // of those most similar to a lost frame
 
@@ -81,12 +83,14 @@ const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& refe
   }
   std::vector<SE3>& guesses = guesses_;
   guesses.clear();
+  predicted_steps_ = 1.0;
   if (last != nullptr) {
     const SE3 last_from_reference = (reference_from_direct * DirectFromCamera(*last)).Inverse();
     SE3 motion;
     if (before != nullptr) {
       const double step_s = ToSeconds(last->time_ns - before->time_ns), now_s = ToSeconds(time_ns - last->time_ns);
       const double ratio = step_s > 0.0 && now_s > 0.0 ? std::min(now_s / step_s, kMaxVelocityRatio) : 1.0;
+      predicted_steps_ = std::max(1.0, ratio);
       motion = Scaled(DirectFromCamera(*last).Inverse() * DirectFromCamera(*before), ratio);
     }
     const SE3 predicted = motion * last_from_reference;
@@ -129,14 +133,16 @@ double Odometry::Impl::Quality(const TrackingOutcome& outcome) const {
 }
 
 bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameData& data,
-                               const std::vector<SE3>& guesses, double expected_rms, TrackingOutcome* best) const {
+                               const std::vector<SE3>& guesses, double sigma_px, double expected_rms,
+                               TrackingOutcome* best) const {
   const LightPrior prior = PriorOf(data.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
   double best_rms[kMaxLevels] = {};  // 0: not reached yet
   double give_up[kMaxLevels] = {};
   bool any = false;
   for (const SE3& guess : guesses) {
     double rms[kMaxLevels] = {};
-    const TrackingOutcome outcome = tracker_.Align(reference, data, guess, last_light_, prior, give_up, rms);
+    const TrackingOutcome outcome =
+        tracker_.Align(reference, data, {guess, sigma_px}, last_light_, prior, give_up, rms);
     if (Plausible(reference, data, outcome) && (!any || outcome.rms_gray < best->rms_gray)) {
       *best = outcome;
       any = true;
@@ -148,6 +154,22 @@ bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameDa
     if (any && (expected_rms <= 0.0 || best->rms_gray < kGoodEnoughRmsRatio * expected_rms)) break;
   }
   return any;
+}
+
+// Constant velocity errs by the acceleration: by as much as it erred before, more over a gap.
+double Odometry::Impl::MotionSigmaPx() const {
+  return predicted_steps_ *
+         std::max(kMinMotionSigmaPx, options_.motion_sigma_factor * std::sqrt(prediction_variance_px2_));
+}
+
+void Odometry::Impl::LearnPredictionError(const TrackingReference& reference, const SE3& predicted, const SE3& found) {
+  const Eigen::Matrix<double, 6, 1> error = (found * predicted.Inverse()).Log();
+  const double fx_px = geometry_.camera[0].fx_px / predicted_steps_;
+  const double squared_px2 =
+      fx_px * fx_px *
+      (error.tail<3>().squaredNorm() +
+       reference.mean_inverse_depth * reference.mean_inverse_depth * error.head<3>().squaredNorm());
+  prediction_variance_px2_ = kPredictionMemory * prediction_variance_px2_ + (1.0 - kPredictionMemory) * squared_px2;
 }
 
 // Against the last keyframes, most similar view first: where the camera was last seen, and turned as the images say.
@@ -166,7 +188,7 @@ bool Odometry::Impl::SearchReferences(std::span<const std::shared_ptr<const Trac
     std::vector<SE3> guesses = {SE3(shift.new_from_reference, Vector3d::Zero())};
     const std::vector<SE3>& motions = Hypotheses(*reference, time_ns, false);
     guesses.insert(guesses.end(), motions.begin(), motions.end());
-    if (AlignBest(*reference, data, guesses, 0.0, outcome)) {
+    if (AlignBest(*reference, data, guesses, 0.0, 0.0, outcome)) {
       *found = reference;
       return true;
     }
@@ -190,8 +212,11 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
   TrackingOutcome outcome;
   std::shared_ptr<const TrackingReference> reference = references.front();
   const bool was_lost = lost_frames_ > 0;
-  bool found = AlignBest(*reference, *data, Hypotheses(*reference, frame.time_ns, was_lost), was_lost ? 0.0 : last_rms_,
-                         &outcome);
+  const std::vector<SE3>& guesses = Hypotheses(*reference, frame.time_ns, was_lost);
+  const SE3 predicted = guesses.front();
+  bool found =
+      AlignBest(*reference, *data, guesses, was_lost ? 0.0 : MotionSigmaPx(), was_lost ? 0.0 : last_rms_, &outcome);
+  if (found && !was_lost) LearnPredictionError(*reference, predicted, outcome.new_from_reference);
   if (!found)
     found = SearchReferences({references.data(), reference_count}, *data, frame.time_ns, &outcome, &reference);
   if (!found) {
@@ -221,6 +246,7 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
     job->keyframe = NeedsKeyframe(*reference, outcome);
   }
   std::lock_guard lock(mutex_);
+  keyframe_awaited_ = found && outcome.visible_share < options_.keyframe_min_tracked_share;
   if (keyframe_queued_) job->keyframe = false;
   result.direct_from_camera = DirectFromCamera(result);
   results_[position] = result;
@@ -238,7 +264,8 @@ bool Odometry::Impl::NeedsKeyframe(const TrackingReference& reference, const Tra
                       (options_.keyframe_flow_weight * outcome.translation_flow_px +
                        options_.keyframe_full_flow_weight * outcome.flow_px);
   const double light = options_.keyframe_affine_weight * std::abs(outcome.light.a - reference.light.a);
-  return flow + light > 1.0 || outcome.rms_gray > options_.keyframe_residual_ratio * first_rms_;
+  return flow + light > 1.0 || outcome.visible_share < options_.keyframe_min_tracked_share ||
+         outcome.rms_gray > options_.keyframe_residual_ratio * first_rms_;
 }
 
 void Odometry::Impl::SetReference(std::shared_ptr<const TrackingReference> reference) {

@@ -36,7 +36,8 @@ struct Plane {
 
 class Scene {
  public:
-  Scene() {
+  // Of everything behind z = 2 m, what is less than `blank_half_m` off the x axis' origin has no texture.
+  explicit Scene(double blank_half_m = 0.0) : blank_half_m_(blank_half_m) {
     const Vector3d x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
     planes_.push_back({Vector3d(0, 0, 4), x, y, 20, 20});                               // back wall
     planes_.push_back({Vector3d(0, 1.2, 0), x, z, 20, 20});                             // floor
@@ -85,6 +86,10 @@ class Scene {
       if (std::abs(u) > plane.half_u || std::abs(v) > plane.half_v) continue;
       best = t;
       const auto seed = static_cast<std::uint32_t>(k + 1);
+      if (std::abs(hit.x() + plane.origin.x()) < blank_half_m_ && hit.z() + plane.origin.z() > 2.0) {
+        value = 150.0;
+        continue;
+      }
       value = 20.0 + 120.0 * ValueNoise(4.0 * u, 4.0 * v, seed) + 80.0 * ValueNoise(11.0 * u, 11.0 * v, seed + 77);
     }
     *depth = best;
@@ -92,6 +97,7 @@ class Scene {
   }
 
   std::vector<Plane> planes_;
+  double blank_half_m_ = 0.0;
 };
 
 inline Pinhole TestCamera() { return {384, 288, 300.0, 300.0, 191.5, 143.5}; }

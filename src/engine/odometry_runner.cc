@@ -34,7 +34,9 @@ absl::StatusOr<direct::FrameResult> OdometryRunner::AddFrame(const direct::Frame
   if (options_.in_background) {
     {
       std::unique_lock lock(mutex_);
-      room_.wait(lock, [&] { return !status_.ok() || odometry_->PendingFrames() < options_.max_pending; });
+      room_.wait(lock, [&] {
+        return !status_.ok() || (odometry_->PendingFrames() < options_.max_pending && !odometry_->AwaitsKeyframe());
+      });
       CAIRN_RETURN_IF_ERROR(status_);
     }
     CAIRN_ASSIGN_OR_RETURN(result, odometry_->Track(frame));
@@ -61,6 +63,10 @@ void OdometryRunner::MapInBackground() {
     if (!status_.ok() || (ending_ && (!drain_ || odometry_->PendingFrames() == 0))) return;
     lock.unlock();
     odometry_->MapNext();
+    {  // tracking need not wait for what comes now
+      const std::lock_guard mapped(mutex_);
+      room_.notify_one();
+    }
     const absl::Status status = after_mapping_(*odometry_);
     lock.lock();
     status_.Update(status);

@@ -2,7 +2,8 @@
 // optimized) in a thread of their own or, single-threaded, before the call returns.
 //
 // The hand-over is bounded: a frame waits to be tracked while more than `max_pending` frames wait to be mapped, so that
-// the window never lags far behind the poses.
+// the window never lags far behind the poses, and while the keyframe is made that is to bring new points into a view
+// that has few.
 #pragma once
 
 #include <condition_variable>
