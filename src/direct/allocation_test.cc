@@ -49,7 +49,7 @@ TEST(Allocation, FramesAllocateNothingAndKeyframesLittle) {
   const auto created = Odometry::Create(OdometryOptions(), testing::TestCamera());
   ASSERT_TRUE(created.ok()) << created.status();
   Odometry& odometry = **created;
-  constexpr int kFrames = 70, kWarm = 3;  // frames tracked before counting
+  constexpr int kFrames = 80, kWarm = 24;  // frames tracked before counting: until the start is trusted
   int warm = 0, tracked = 0, in_tracking = 0, in_tracing = 0, keyframes = 0, in_keyframes = 0;
   for (int i = 0; i < kFrames; ++i) {
     const Frame frame = scene.Render(testing::TestCamera(), testing::SwayPose(i), i);

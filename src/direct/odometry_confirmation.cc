@@ -2,6 +2,8 @@
 // the while, and two-view geometry and bundle adjustment over the longer way must not explain them much better than the
 // odometry's poses do. A start found wrong is undone: the new answer builds another first window, and all frames, which
 // were kept, are tracked again. Packets are held back meanwhile.
+#include <malloc.h>
+
 #include <algorithm>
 #include <optional>
 
@@ -111,6 +113,9 @@ void Odometry::Impl::TrustStart() {
   retained_.clear();
   start_reference_ = 0;
   start_.Reset();
+#ifdef __GLIBC__
+  malloc_trim(0);  // the frames that waited leave holes too small for pyramids: back to the system
+#endif
   std::lock_guard lock(mutex_);
   start_doubted_ = false;
 }

@@ -1,6 +1,4 @@
 // From two-view geometry to the first window of keyframes, and the poses of the frames that waited for it.
-#include <malloc.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -67,9 +65,6 @@ void Odometry::Impl::AdoptStart(const StartResult& start) {
   start_doubted_ = true;
   // The start needed many pyramids at once, tracking needs few.
   std::erase_if(pool_, [](const std::shared_ptr<FrameData>& data) { return data.use_count() == 1; });
-#ifdef __GLIBC__
-  malloc_trim(0);  // the frames that waited leave holes too small for pyramids: back to the system
-#endif
   start_message_.clear();
   ++statistics_.segments;
 }
