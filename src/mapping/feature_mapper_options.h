@@ -70,7 +70,7 @@ struct FeatureMapperOptions {
   int judged_after = 20;          // ... this
   int min_observations = 3;       // of a point that is older than ...
   int young_keyframes = 3;        // ... this many keyframes
-  double redundant_share = 0.9;   // of a keyframe's points seen in enough others: it goes
+  double redundant_share = 0.75;  // of a keyframe's points seen in enough others: it goes
   int redundant_observers = 3;
 
   // After a loss.
