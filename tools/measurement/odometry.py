@@ -3,6 +3,9 @@ import json
 import statistics
 import subprocess
 
+import numpy as np
+
+from .trajectories import read_positions, similarity_scale
 from .work import CAIRN, DATA, ROOT, Failed, Skipped, cairn, median_of_runs
 
 
@@ -18,6 +21,33 @@ class Odometry:
                 errors.append(cairn('eval', 'ate', frames, folder / 'reference_sfm.txt', '--max-dt', 0.005)['ate_m'])
             return {'median': statistics.median(errors), 'worst': max(errors)}
         return self.once('pieces', one)
+
+    def alone(self, name, truth=None):
+        """Share of the frames tracked, and ATE over them."""
+        def one(run):
+            frames, camera = self.path(f'alone_{name}_{run}.txt'), DATA / name / 'camera.yaml'
+            report = cairn('run', DATA / name, *(['--camera', camera] if camera.exists() else []), '--odometry-only',
+                           *self.mode, '--trajectory', frames, '--overwrite')
+            result = {'tracked': report['tracked_share']}
+            if truth:
+                result['ate'] = cairn('eval', 'ate', frames, DATA / name / truth, '--max-dt', 0.02)['ate_m']
+            return result
+        return self.once(f'alone {name}', lambda: median_of_runs(self.runs, one))
+
+    def scale(self):
+        """How much the scale of the second 5 s of redkitchen differs from that of the first."""
+        def one():
+            folder, frames = DATA / 'redkitchen', self.path('scale.txt')
+            cairn('run', folder, '--camera', folder / 'camera.yaml', '--odometry-only', '--deterministic', '--until', 11,
+                  '--trajectory', frames, '--overwrite')
+            estimated, true = read_positions(frames), read_positions(folder / 'reference_sfm.txt')
+            nearest = np.abs(true[:, 0][None, :] - estimated[:, 0][:, None]).argmin(axis=1)
+            paired = np.abs(true[nearest, 0] - estimated[:, 0]) < 0.011
+            since = estimated[:, 0] - estimated[0, 0]
+            first, second = (similarity_scale(true[nearest[part], 1:], estimated[part, 1:])
+                             for part in (paired & (since < 5.0), paired & (since >= 5.0) & (since < 10.0)))
+            return {'change': abs(second / first - 1.0)}
+        return self.once('scale', one)
 
     def bench(self, *options):
         def one(run):
