@@ -286,7 +286,8 @@ StartResult FeatureStart::Solve() {
   }
   // Small motions have minima that two-view geometry does not show: from all sides.
   for (int code = 0; code < 27; ++code) {
-    const Vector3d side(code % 3 - 1, (code / 3) % 3 - 1, code / 9 - 1);
+    const int x = code % 3 - 1, y = code / 3 % 3 - 1, z = code / 9 - 1;
+    const Vector3d side(x, y, z);
     if (side.squaredNorm() > 0.5) candidates.emplace_back(rotation, side.normalized());
   }
   // Views for the adjustment: evenly spread, the newest last.
