@@ -1,5 +1,6 @@
 #include "optimization/schur_kernel.h"
 
+#include "base/cpu_features.h"
 #include "optimization/schur_kernel.inl"
 
 namespace cairn::optimization::internal {

@@ -5,9 +5,12 @@
 // Columns of six numbers are padded to eight: [6 numbers, 0, 0]. A 6x6 block is six such columns, a 6x3 block three.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
-#include "base/cpu_features.h"
+namespace cairn {
+enum class SimdLevel;  // base/cpu_features.h
+}
 
 namespace cairn::optimization::internal {
 

@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "base/cpu_features.h"
 #include "base/random.h"
 #include "optimization/reprojection.h"
 
