@@ -3,6 +3,7 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -14,7 +15,6 @@
 namespace cairn::direct {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr int kLevels = 4;
 const cv::Size kWindow(21, 21);
 constexpr double kEssentialThresholdPx = 1.0;
@@ -262,17 +262,18 @@ StartResult FeatureStart::Solve() {
   std::vector<double> angles;
   for (std::size_t i = 0; i < from_rays.size(); ++i) angles.push_back(Angle(rotation * from_rays[i], to_rays[i]));
   const double flow_rad = Median(angles);
-  const double wanted_rad = options_.start_min_parallax_deg * kPi / 180.0;
+  const double wanted_rad = options_.start_min_parallax_deg * std::numbers::pi / 180.0;
   result.parallax_rad = flow_rad;
   // The best rotation hides part of the parallax: half of it already is worth a try.
   if (flow_rad < 0.4 * wanted_rad) {
     result.message = absl::StrFormat(
         "the camera has not moved enough: %.2f deg of parallax once rotation is taken out, waiting for about %.2f deg",
-        flow_rad * 180.0 / kPi, 0.5 * options_.start_min_parallax_deg);
+        flow_rad * 180.0 / std::numbers::pi, 0.5 * options_.start_min_parallax_deg);
     return result;
   }
   if (flow_rad < 1.1 * last_attempt_parallax_rad_) {
-    result.message = absl::StrFormat("waiting for more motion: %.2f deg of parallax", flow_rad * 180.0 / kPi);
+    result.message =
+        absl::StrFormat("waiting for more motion: %.2f deg of parallax", flow_rad * 180.0 / std::numbers::pi);
     return result;
   }
   last_attempt_parallax_rad_ = flow_rad;
@@ -302,7 +303,7 @@ StartResult FeatureStart::Solve() {
 // The motion that fits best, unless another one fits about as well.
 StartResult FeatureStart::Choose(const std::vector<SE3>& candidates, const std::vector<int>& alive,
                                  const std::vector<int>& views, bool plane, double flow_rad) {
-  const double same_rad = 0.5 * options_.start_min_parallax_deg * kPi / 180.0;
+  const double same_rad = 0.5 * options_.start_min_parallax_deg * std::numbers::pi / 180.0;
   const auto same = [&](const SE3& a, const SE3& b) {
     return AngleRad(a.rotation() * b.rotation().conjugate()) < same_rad &&
            a.translation().normalized().dot(b.translation().normalized()) > kSameDirection;
@@ -485,9 +486,10 @@ StartResult FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& a
                                      options_.start_max_reprojection_px);
     return result;
   }
-  if (result.parallax_rad < options_.start_min_parallax_deg * kPi / 180.0 || Median(sigma) > kMaxMedianDepthSigma) {
+  if (result.parallax_rad < options_.start_min_parallax_deg * std::numbers::pi / 180.0 ||
+      Median(sigma) > kMaxMedianDepthSigma) {
     result.message = absl::StrFormat("the camera has not moved enough: %.2f deg of parallax, %.2f deg are needed",
-                                     result.parallax_rad * 180.0 / kPi, options_.start_min_parallax_deg);
+                                     result.parallax_rad * 180.0 / std::numbers::pi, options_.start_min_parallax_deg);
     return result;
   }
   result.success = true;

@@ -135,23 +135,7 @@ FeatureGrid::FeatureGrid(std::span<const Keypoint> keypoints, int width_px, int 
 
 void FeatureGrid::Query(double x_px, double y_px, double radius_px, int min_octave, int max_octave,
                         std::vector<std::uint32_t>* out) const {
-  out->clear();
-  if (entries_.empty() || !(radius_px >= 0.0) || !std::isfinite(x_px) || !std::isfinite(y_px)) return;
-  const auto cell = [&](double position_px, int count) {
-    return static_cast<int>(std::clamp(std::floor(position_px * inverse_cell_), 0.0, count - 1.0));
-  };
-  const int first_column = cell(x_px - radius_px, columns_), last_column = cell(x_px + radius_px, columns_);
-  const int first_row = cell(y_px - radius_px, rows_), last_row = cell(y_px + radius_px, rows_);
-  for (int row = first_row; row <= last_row; ++row) {
-    const std::size_t base = static_cast<std::size_t>(row) * columns_;
-    // The cells of a row are neighbours in memory.
-    for (std::uint32_t i = cell_begin_[base + first_column]; i < cell_begin_[base + last_column + 1]; ++i) {
-      const Entry& entry = entries_[i];
-      if (static_cast<int>(entry.octave) < min_octave || static_cast<int>(entry.octave) > max_octave) continue;
-      const double dx = entry.x_px - x_px, dy = entry.y_px - y_px;
-      if (dx * dx + dy * dy <= radius_px * radius_px) out->push_back(entry.index);
-    }
-  }
+  QuerySegment(x_px, y_px, x_px, y_px, radius_px, min_octave, max_octave, out);
 }
 
 std::vector<std::uint32_t> FeatureGrid::Query(double x_px, double y_px, double radius_px, int min_octave,

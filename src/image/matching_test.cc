@@ -137,14 +137,20 @@ TEST(KeepConsistentRotations, HoldsAcrossTheSeamOfPi) {
   EXPECT_EQ(KeepConsistentRotations(a, b, matches).size(), 40u);
 }
 
-TEST(FeatureGrid, AnswersLikeAScan) {
-  Random random(4);
+// 800 over an image of 640x480 and a margin around it.
+std::vector<Keypoint> ScatteredKeypoints(double margin_px, Random* random) {
   std::vector<Keypoint> keypoints;
   for (int i = 0; i < 800; ++i) {
-    // Some outside the image.
-    keypoints.push_back({static_cast<float>(random.Uniform(-10, 650)), static_cast<float>(random.Uniform(-10, 490)),
-                         0.0f, static_cast<std::uint8_t>(random.Below(8))});
+    const double x = random->Uniform(-margin_px, 640 + margin_px), y = random->Uniform(-margin_px, 480 + margin_px);
+    keypoints.push_back(
+        {static_cast<float>(x), static_cast<float>(y), 0.0f, static_cast<std::uint8_t>(random->Below(8))});
   }
+  return keypoints;
+}
+
+TEST(FeatureGrid, AnswersLikeAScan) {
+  Random random(4);
+  const std::vector<Keypoint> keypoints = ScatteredKeypoints(10, &random);
   const FeatureGrid grid(keypoints, 640, 480);
   EXPECT_EQ(grid.size(), 800u);
   for (int i = 0; i < 200; ++i) {
@@ -168,11 +174,7 @@ TEST(FeatureGrid, AnswersLikeAScan) {
 
 TEST(FeatureGrid, FindsWhatIsNearASegment) {
   Random random(5);
-  std::vector<Keypoint> keypoints;
-  for (int i = 0; i < 800; ++i) {
-    keypoints.push_back({static_cast<float>(random.Uniform(-40, 680)), static_cast<float>(random.Uniform(-40, 520)),
-                         0.0f, static_cast<std::uint8_t>(random.Below(8))});
-  }
+  const std::vector<Keypoint> keypoints = ScatteredKeypoints(40, &random);
   const FeatureGrid grid(keypoints, 640, 480);
   std::size_t total = 0;
   for (int i = 0; i < 300; ++i) {

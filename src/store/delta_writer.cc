@@ -213,26 +213,27 @@ absl::Status DeltaWriter::RemoveKeyframe(KeyframeId id, MapRow* map_row) {
   return absl::OkStatus();
 }
 
-absl::Status DeltaWriter::PutRow(const Row& row, std::int64_t id, bool is_new, absl::string_view what,
-                                 Statement* select, Statement* upsert) {
+absl::Status DeltaWriter::PutKeyframeRow(const map::Keyframe& keyframe, bool is_new) {
+  const Row row = RowOf(keyframe);
   if (!is_new) {
-    select->Bind(1, id);
-    CAIRN_ASSIGN_OR_RETURN(const bool found, select->Step());
-    if (!found) return Rejected(absl::StrCat(what, " ", id, " was removed earlier, or never existed"));
+    select_keyframe_.Bind(1, static_cast<std::int64_t>(keyframe.id.value()));
+    CAIRN_ASSIGN_OR_RETURN(const bool found, select_keyframe_.Step());
+    if (!found) {
+      return Rejected(absl::StrCat("keyframe ", keyframe.id.value(), " was removed earlier, or never existed"));
+    }
     Row stored;
-    const bool same = stored.ReadWithChecksum(*select) && stored.SameAs(row);
-    select->Reset();
+    const bool same = stored.ReadWithChecksum(select_keyframe_) && stored.SameAs(row);
+    select_keyframe_.Reset();
     if (same) return absl::OkStatus();
   }
-  row.BindWithChecksum(upsert);
-  return upsert->Run();
+  row.BindWithChecksum(&put_keyframe_);
+  return put_keyframe_.Run();
 }
 
 absl::Status DeltaWriter::PutKeyframe(const map::Keyframe& keyframe, MapRow* map_row) {
   CAIRN_RETURN_IF_ERROR(CheckKeyframe(keyframe));
   const bool is_new = !(keyframe.id < map_row->next_keyframe);
-  CAIRN_RETURN_IF_ERROR(
-      PutRow(RowOf(keyframe), keyframe.id.value(), is_new, "keyframe", &select_keyframe_, &put_keyframe_));
+  CAIRN_RETURN_IF_ERROR(PutKeyframeRow(keyframe, is_new));
   if (is_new) {
     CAIRN_RETURN_IF_ERROR(PutFeatures(keyframe));
     ++map_row->keyframe_count;

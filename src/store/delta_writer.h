@@ -31,16 +31,13 @@ class DeltaWriter {
   absl::Status PutCamera(const map::MapCamera& camera);
   absl::Status RemoveKeyframe(KeyframeId id, MapRow* map_row);
   absl::Status PutKeyframe(const map::Keyframe& keyframe, MapRow* map_row);
+  // Leaves the row alone if it is the same already.
+  absl::Status PutKeyframeRow(const map::Keyframe& keyframe, bool is_new);
   absl::Status PutFeatures(const map::Keyframe& keyframe);
   absl::Status PutPointIds(const map::Keyframe& keyframe, bool is_new);
   absl::Status PutEdges(const map::Keyframe& keyframe, MapRow* map_row);
   absl::Status PutPoint(const map::MapPoint& point, MapRow* map_row);
   absl::Status LogChange(const map::Delta& delta, std::int64_t now_unix_ns);
-
-  // Runs `upsert` with the row unless `select` finds the same one. `is_new` says whether the row must be absent; an
-  // error naming `what` and `id` if it is not so.
-  absl::Status PutRow(const Row& row, std::int64_t id, bool is_new, absl::string_view what, Statement* select,
-                      Statement* upsert);
 
   Database* database_;
   Statement select_map_, put_map_;
