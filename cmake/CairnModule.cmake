@@ -9,11 +9,11 @@ if(CAIRN_SANITIZE)
   target_link_options(cairn_options INTERFACE -fsanitize=${CAIRN_SANITIZE})
 endif()
 
-# cairn_module(NAME DEPENDS cairn::other library ... [PRIVATE_DEPENDS ...])
+# cairn_module(NAME DEPENDS cairn::other library ... [PRIVATE_DEPENDS ...] [TEST_DEPENDS ...])
 # Sources: every *.cc here but *_test.cc (one gtest binary, label unit) and *_benchmark.cc (one benchmark binary).
 # Files named *_avx2.cc and *_avx512.cc are compiled for those instruction sets; only they are.
 function(cairn_module name)
-  cmake_parse_arguments(ARG "" "" "DEPENDS;PRIVATE_DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "DEPENDS;PRIVATE_DEPENDS;TEST_DEPENDS" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS *.cc)
   file(GLOB tests CONFIGURE_DEPENDS *_test.cc)
   file(GLOB benchmarks CONFIGURE_DEPENDS *_benchmark.cc)
@@ -49,7 +49,7 @@ function(cairn_module name)
   target_link_libraries(${target} ${scope} ${ARG_DEPENDS})
 
   if(CAIRN_BUILD_TESTS AND tests)
-    cairn_test(${name}_test LABELS unit SOURCES ${tests} DEPENDS cairn::${name})
+    cairn_test(${name}_test LABELS unit SOURCES ${tests} DEPENDS cairn::${name} ${ARG_TEST_DEPENDS})
   endif()
   if(CAIRN_BUILD_BENCHMARKS AND benchmarks)
     add_executable(${name}_benchmark ${benchmarks})

@@ -2,12 +2,12 @@
 
 #include <cmath>
 #include <filesystem>
-#include <opencv2/imgcodecs.hpp>
 #include <vector>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "io/atomic_file.h"
+#include "io/image_codecs.h"
 #include "io/text_lines.h"
 #include "io/time_text.h"
 
@@ -63,16 +63,8 @@ absl::StatusOr<std::vector<double>> ReadResponse(const std::string& path) {
 
 absl::StatusOr<cv::Mat> ReadVignette(const std::string& path) {
   CAIRN_ASSIGN_OR_RETURN(const std::string bytes, ReadWholeFile(path));
-  cv::Mat vignette;
-  try {
-    const std::vector<std::uint8_t> buffer(bytes.begin(), bytes.end());
-    if (!buffer.empty()) {
-      vignette = cv::imdecode(buffer, cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH | cv::IMREAD_IGNORE_ORIENTATION);
-    }
-  } catch (const std::exception&) {
-    vignette.release();
-  }
-  if (vignette.empty()) return absl::DataLossError(absl::StrCat(path, " is not a readable image"));
+  absl::StatusOr<cv::Mat> vignette = DecodeGray(bytes);
+  if (!vignette.ok()) return absl::DataLossError(absl::StrCat(path, " ", vignette.status().message()));
   return vignette;
 }
 
@@ -127,11 +119,9 @@ absl::Status SavePhotometricFolder(const std::string& folder, const std::array<d
   }
   cv::Mat levels;
   vignette.convertTo(levels, CV_16UC1, 65535.0);
-  std::vector<unsigned char> png;
-  cv::imencode(".png", levels, png);
-  const std::string png_bytes(png.begin(), png.end());
+  CAIRN_ASSIGN_OR_RETURN(const std::string png, EncodePng(levels, 6));
   CAIRN_RETURN_IF_ERROR(WriteFileAtomically((root / kResponseName).string(), response, true));
-  CAIRN_RETURN_IF_ERROR(WriteFileAtomically((root / kVignetteName).string(), png_bytes, true));
+  CAIRN_RETURN_IF_ERROR(WriteFileAtomically((root / kVignetteName).string(), png, true));
   if (!exposures.empty()) return WriteFileAtomically((root / kTimesName).string(), times, true);
   std::error_code error;
   fs::remove(root / kTimesName, error);

@@ -3,14 +3,15 @@
 #include <atomic>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <mutex>
-#include <opencv2/imgcodecs.hpp>
 #include <thread>
 #include <vector>
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "io/atomic_file.h"
+#include "io/image_codecs.h"
 #include "io/trajectory.h"
 
 namespace cairn::synth {
@@ -26,14 +27,12 @@ SE3 BodyFromCamera() {
 }
 
 absl::Status WritePng(const std::string& path, const cv::Mat& image) {
-  bool written = false;
-  std::string why = "the disk may be full";
-  try {
-    written = cv::imwrite(path, image, {cv::IMWRITE_PNG_COMPRESSION, 1});
-  } catch (const cv::Exception& error) {
-    why = error.what();
-  }
-  return written ? absl::OkStatus() : absl::UnavailableError(absl::StrCat("cannot write ", path, ": ", why));
+  CAIRN_ASSIGN_OR_RETURN(const std::string png, io::EncodePng(image, 1));
+  std::ofstream file(path, std::ios::binary);
+  file << png;
+  file.close();
+  return file ? absl::OkStatus()
+              : absl::UnavailableError(absl::StrCat("cannot write ", path, "; the disk may be full"));
 }
 
 absl::Status MakeFolder(const fs::path& path) {
