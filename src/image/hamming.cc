@@ -15,6 +15,13 @@ void HammingDistancesPortable(const std::uint64_t* query, const std::uint64_t* d
   }
 }
 
+void HammingDistancesAtPortable(const std::uint64_t* query, const std::uint64_t* descriptors,
+                                const std::uint32_t* indices, std::size_t count, std::uint16_t* distances) {
+  for (std::size_t i = 0; i < count; ++i) {
+    HammingDistancesPortable(query, descriptors + 4 * static_cast<std::size_t>(indices[i]), 1, distances + i);
+  }
+}
+
 }  // namespace internal
 
 void HammingDistances(const Descriptor& query, const Descriptor* descriptors, std::size_t count,
@@ -24,6 +31,14 @@ void HammingDistances(const Descriptor& query, const Descriptor* descriptors, st
       ActiveSimdLevel() == SimdLevel::kBaseline ? &internal::HammingDistancesPortable : &internal::HammingDistancesAvx2;
   if (count == 0) return;
   kernel(query.data(), descriptors->data(), count, distances);
+}
+
+void HammingDistancesAt(const Descriptor& query, const Descriptor* descriptors, const std::uint32_t* indices,
+                        std::size_t count, std::uint16_t* distances) {
+  static const auto kernel = ActiveSimdLevel() == SimdLevel::kBaseline ? &internal::HammingDistancesAtPortable
+                                                                       : &internal::HammingDistancesAtAvx2;
+  if (count == 0) return;
+  kernel(query.data(), descriptors->data(), indices, count, distances);
 }
 
 }  // namespace cairn::image

@@ -6,6 +6,7 @@
 #include <limits>
 #include <numbers>
 
+#include "base/cpu_features.h"
 #include "image/hamming.h"
 
 namespace cairn::image {
@@ -45,8 +46,11 @@ absl::Status MatchOptions::Validate() const {
 BestTwo FindBestTwo(const Descriptor& query, std::span<const Descriptor> descriptors,
                     std::span<const std::uint32_t> candidates) {
   BestTwo best;
-  for (const std::uint32_t candidate : candidates) {
-    best.Add(candidate, HammingDistance(query, descriptors[candidate]));
+  std::array<std::uint16_t, kBlock> distances;
+  for (std::size_t begin = 0; begin < candidates.size(); begin += kBlock) {
+    const std::size_t count = std::min(kBlock, candidates.size() - begin);
+    HammingDistancesAt(query, descriptors.data(), candidates.data() + begin, count, distances.data());
+    for (std::size_t i = 0; i < count; ++i) best.Add(candidates[begin + i], distances[i]);
   }
   return best;
 }
@@ -155,10 +159,19 @@ void FeatureGrid::QuerySegment(double begin_x_px, double begin_y_px, double end_
   const double inverse_squared = length_squared > 1e-18 ? 1.0 / length_squared : 0.0;
   const int low_octave = std::max(min_octave, 0);
   if (max_octave < low_octave) return;
-  const auto octaves = static_cast<std::uint32_t>(max_octave - low_octave);
+  const internal::SegmentQuery query = {begin_x_px,
+                                        begin_y_px,
+                                        dx,
+                                        dy,
+                                        inverse_squared,
+                                        half_width_px * half_width_px,
+                                        static_cast<std::uint32_t>(low_octave),
+                                        static_cast<std::uint32_t>(max_octave - low_octave)};
+  static const internal::SegmentKernel near_segment =
+      ActiveSimdLevel() == SimdLevel::kBaseline ? &internal::NearSegmentPortable : &internal::NearSegmentAvx2;
   std::size_t kept = 0;
   const auto cell = [&](double position_px, int count) {
-    return static_cast<int>(std::clamp(std::floor(position_px * inverse_cell_), 0.0, count - 1.0));
+    return static_cast<int>(std::clamp(position_px * inverse_cell_, 0.0, count - 1.0));
   };
   const int first_row = cell(std::min(begin_y_px, end_y_px) - half_width_px, rows_);
   const int last_row = cell(std::max(begin_y_px, end_y_px) + half_width_px, rows_);
@@ -178,20 +191,12 @@ void FeatureGrid::QuerySegment(double begin_x_px, double begin_y_px, double end_
     const int last_column = cell(std::max(x_a, x_b) + half_width_px, columns_);
     const std::size_t base = static_cast<std::size_t>(row) * columns_;
     const std::uint32_t begin = cell_begin_[base + first_column], end = cell_begin_[base + last_column + 1];
-    out->resize(kept + (end - begin));
-    std::uint32_t* const found = out->data();
-    for (std::uint32_t i = begin; i < end; ++i) {
-      const Entry& entry = entries_[i];
-      const double px = entry.x_px - begin_x_px, py = entry.y_px - begin_y_px;
-      const double along = std::min(std::max((px * dx + py * dy) * inverse_squared, 0.0), 1.0);
-      const double ex = px - along * dx, ey = py - along * dy;
-      // Without a branch, which would be guessed wrongly every other time.
-      found[kept] = entry.index;
-      kept += static_cast<std::size_t>(ex * ex + ey * ey <= half_width_px * half_width_px) &
-              static_cast<std::size_t>(entry.octave - static_cast<std::uint32_t>(low_octave) <= octaves);
+    if (out->size() < kept + (end - begin) + internal::kSegmentSlack) {
+      out->resize(kept + (end - begin) + internal::kSegmentSlack);
     }
-    out->resize(kept);
+    kept += near_segment(entries_.data() + begin, end - begin, query, out->data() + kept);
   }
+  out->resize(kept);
 }
 
 std::vector<FeatureMatch> MatchInWindows(const Features& a, std::span<const FeatureWindow> windows, const Features& b,

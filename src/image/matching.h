@@ -9,6 +9,7 @@
 
 #include "base/status.h"
 #include "image/feature.h"
+#include "image/segment_kernel.h"
 
 namespace cairn::image {
 
@@ -90,17 +91,11 @@ class FeatureGrid {
   std::size_t size() const { return entries_.size(); }
 
  private:
-  struct Entry {
-    float x_px;
-    float y_px;
-    std::uint32_t index;
-    std::uint32_t octave;
-  };
   int columns_ = 0;
   int rows_ = 0;
   double inverse_cell_ = 0.0;              // cells per pixel
   std::vector<std::uint32_t> cell_begin_;  // columns_ * rows_ + 1 positions in entries_
-  std::vector<Entry> entries_;
+  std::vector<internal::GridEntry> entries_;
 };
 
 // Where a feature of `a` is expected in image b, and which octaves are plausible there.

@@ -53,7 +53,17 @@ TEST(Hamming, AllKernelsCountTheSame) {
     std::vector<std::uint16_t> fast(descriptors.size()), portable(descriptors.size());
     HammingDistances(query, descriptors.data(), descriptors.size(), fast.data());
     internal::HammingDistancesPortable(query.data(), descriptors[0].data(), descriptors.size(), portable.data());
+    std::vector<std::uint32_t> backwards;
+    for (std::uint32_t i = 0; i < descriptors.size(); ++i) {
+      backwards.push_back(static_cast<std::uint32_t>(descriptors.size()) - 1 - i);
+    }
+    std::vector<std::uint16_t> at(descriptors.size()), portable_at(descriptors.size());
+    HammingDistancesAt(query, descriptors.data(), backwards.data(), backwards.size(), at.data());
+    internal::HammingDistancesAtPortable(query.data(), descriptors[0].data(), backwards.data(), backwards.size(),
+                                         portable_at.data());
     for (std::size_t i = 0; i < descriptors.size(); ++i) {
+      EXPECT_EQ(at[i], fast[backwards[i]]);
+      EXPECT_EQ(portable_at[i], fast[backwards[i]]);
       int expected = 0;
       for (int w = 0; w < 4; ++w) expected += std::popcount(query[w] ^ descriptors[i][w]);
       EXPECT_EQ(HammingDistance(query, descriptors[i]), expected);

@@ -1,35 +1,38 @@
 #include "map/edit.h"
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
+#include "image/hamming.h"
 #include "map/viewing.h"
 
 namespace cairn::map {
 namespace {
 
-// The observation whose descriptor has the least median distance to the others. Beyond kMost observations an even
-// sample stands for all: the choice is quadratic.
-std::size_t MostTypical(const std::vector<image::Descriptor>& descriptors) {
-  constexpr std::size_t kMost = 24;
-  const std::size_t step = (descriptors.size() + kMost - 1) / kMost;
+constexpr std::size_t kMostCompared = 24;
+
+// The one with the least median distance to the others. Beyond kMostCompared an even sample stands for all: the choice
+// is quadratic. Leaves the sample in `descriptors`.
+std::size_t MostTypical(std::vector<image::Descriptor>* descriptors) {
+  const std::size_t step = (descriptors->size() + kMostCompared - 1) / kMostCompared;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < descriptors->size(); i += step) (*descriptors)[count++] = (*descriptors)[i];
+  if (count == 1) return 0;
   std::size_t best = 0;
   int best_median = 257;
-  std::vector<int> distances;
-  for (std::size_t i = 0; i < descriptors.size(); i += step) {
-    distances.clear();
-    for (std::size_t j = 0; j < descriptors.size(); j += step) {
-      if (j != i) distances.push_back(image::HammingDistance(descriptors[i], descriptors[j]));
-    }
-    if (distances.empty()) return i;
-    std::nth_element(distances.begin(), distances.begin() + distances.size() / 2, distances.end());
-    const int median = distances[distances.size() / 2];
-    if (median < best_median) {
-      best_median = median;
+  std::array<std::uint16_t, kMostCompared> distances;
+  for (std::size_t i = 0; i < count; ++i) {
+    image::HammingDistances((*descriptors)[i], descriptors->data(), count, distances.data());
+    distances[i] = distances[count - 1];  // not to itself
+    const auto middle = distances.begin() + (count - 1) / 2;
+    std::nth_element(distances.begin(), middle, distances.begin() + (count - 1));
+    if (*middle < best_median) {
+      best_median = *middle;
       best = i;
     }
   }
-  return best;
+  return best * step;
 }
 
 void InsertSorted(std::vector<KeyframeId>& ids, KeyframeId id) {
@@ -43,52 +46,32 @@ void EraseSorted(std::vector<KeyframeId>& ids, KeyframeId id) {
 }
 
 // The changed or added entities in order of id, and the ids of erased ones that the base knows.
-template <class Id, class T, class Known>
-void Collect(const std::unordered_map<Id, std::shared_ptr<T>>& changed, const Known& known,
-             std::vector<std::shared_ptr<const T>>* put, std::vector<Id>* removed) {
-  for (const auto& [id, entity] : changed) {
+template <class Id, class T>
+void Collect(const Draft<Id, T>& draft, const Table<Id, T>& base, std::vector<std::shared_ptr<const T>>* put,
+             std::vector<Id>* removed) {
+  draft.ForEachTouched([&](Id id, const std::shared_ptr<T>& entity) {
     if (entity) {
       put->push_back(entity);
-    } else if (known.Contains(id)) {
+    } else if (base.Contains(id)) {
       removed->push_back(id);
     }
-  }
-  std::sort(put->begin(), put->end(), [](const auto& a, const auto& b) { return a->id < b->id; });
-  std::sort(removed->begin(), removed->end());
+  });
 }
 
 }  // namespace
 
 Edit::Edit(std::shared_ptr<const Snapshot> base)
-    : base_(std::move(base)), next_keyframe_(base_->next_keyframe()), next_point_(base_->next_point()) {}
-
-const Keyframe* Edit::FindKeyframe(KeyframeId id) const {
-  const auto found = keyframes_.find(id);
-  return found != keyframes_.end() ? found->second.get() : base_->keyframes().Find(id);
-}
-
-const MapPoint* Edit::FindPoint(PointId id) const {
-  const auto found = points_.find(id);
-  return found != points_.end() ? found->second.get() : base_->points().Find(id);
-}
+    : base_(std::move(base)),
+      keyframes_(base_->keyframes(), base_->next_keyframe()),
+      points_(base_->points(), base_->next_point()),
+      next_keyframe_(base_->next_keyframe()),
+      next_point_(base_->next_point()) {}
 
 const Pinhole& Edit::pinhole(CameraId id) const {
   for (const MapCamera& camera : cameras_) {
     if (camera.id == id) return camera.pinhole;
   }
   return base_->pinhole(id);
-}
-
-Keyframe& Edit::MutableKeyframe(KeyframeId id) {
-  auto& slot = keyframes_[id];
-  if (!slot) slot = std::make_shared<Keyframe>(*base_->keyframes().Find(id));
-  return *slot;
-}
-
-MapPoint& Edit::MutablePoint(PointId id) {
-  auto& slot = points_[id];
-  if (!slot) slot = std::make_shared<MapPoint>(*base_->points().Find(id));
-  return *slot;
 }
 
 CameraId Edit::AddCamera(MapCamera camera) {
@@ -121,7 +104,7 @@ KeyframeId Edit::AddKeyframe(Keyframe keyframe) {
   keyframe.parent = KeyframeId();
   keyframe.children.clear();
   keyframe.covisible.clear();
-  keyframes_[id] = std::make_shared<Keyframe>(std::move(keyframe));
+  keyframes_.Set(id, std::make_shared<Keyframe>(std::move(keyframe)));
   stale_covisibility_.insert(id);
   return id;
 }
@@ -132,7 +115,7 @@ PointId Edit::AddPoint(const Vector3d& position) {
   auto point = std::make_shared<MapPoint>();
   point->id = id;
   point->position = position;
-  points_[id] = std::move(point);
+  points_.Set(id, std::move(point));
   MarkStale(id, Stale::kAll);
   return id;
 }
@@ -174,8 +157,8 @@ void Edit::ErasePoint(PointId id) {
     MutableKeyframe(observation.keyframe).points[observation.feature] = PointId();
     stale_covisibility_.insert(observation.keyframe);
   }
-  points_[id] = nullptr;
-  stale_points_.erase(id);
+  points_.Set(id, nullptr);
+  points_.Mark(id) = 0;
 }
 
 bool Edit::EraseKeyframe(KeyframeId id, int min_observations) {
@@ -192,7 +175,7 @@ bool Edit::EraseKeyframe(KeyframeId id, int min_observations) {
   }
   UpdateCovisibility(id);  // it shares nothing any more: this removes its edges on the other side
   stale_covisibility_.erase(id);
-  keyframes_[id] = nullptr;
+  keyframes_.Set(id, nullptr);
   return true;
 }
 
@@ -297,58 +280,60 @@ void Edit::AdoptChildren(const Keyframe& orphaned) {
 }
 
 void Edit::MarkStale(PointId id, Stale stale) {
-  Stale& known = stale_points_.try_emplace(id, stale).first->second;
-  if (stale == Stale::kAll) known = stale;
+  std::uint8_t& mark = points_.Mark(id);
+  if (mark == 0) stale_points_.push_back(id);
+  mark = std::max(mark, static_cast<std::uint8_t>(stale));
 }
 
 void Edit::UpdatePoint(PointId id) {
-  stale_points_.erase(id);
-  Centers centers;
-  Refresh(id, Stale::kAll, &centers);
+  points_.Mark(id) = 0;
+  Refresh(id, Stale::kAll, nullptr);
 }
 
-// `centers`: of the cameras, filled as they are needed; poses must not change while it is in use.
+// Without `centers` they are computed for this point alone.
 void Edit::Refresh(PointId id, Stale stale, Centers* centers) {
   if (point(id).observations.empty()) return;
   MapPoint& changed = MutablePoint(id);
   if (stale == Stale::kAll) {
-    std::vector<image::Descriptor> descriptors;
+    descriptors_.clear();
     for (const Observation& observation : changed.observations) {
-      descriptors.push_back(keyframe(observation.keyframe).descriptors()[observation.feature]);
+      descriptors_.push_back(keyframe(observation.keyframe).descriptors()[observation.feature]);
     }
-    const std::size_t typical = MostTypical(descriptors);
-    changed.reference = changed.observations[typical];
-    changed.descriptor = descriptors[typical];
+    changed.reference = changed.observations[MostTypical(&descriptors_)];
+    changed.descriptor = keyframe(changed.reference.keyframe).descriptors()[changed.reference.feature];
   }
-  const auto center = [&](KeyframeId seen_by) -> const Vector3d& {
-    const auto [at, added] = centers->try_emplace(seen_by);
-    if (added) at->second = keyframe(seen_by).CenterInMap();
-    return at->second;
+  const auto center = [&](KeyframeId seen_by) {
+    if (centers == nullptr) return keyframe(seen_by).CenterInMap();
+    std::optional<Vector3d>& known = (*centers)[seen_by.value()];
+    if (!known) known = keyframe(seen_by).CenterInMap();
+    return *known;
   };
-  std::vector<Vector3d> seen_from;
-  for (const Observation& observation : changed.observations) seen_from.push_back(center(observation.keyframe));
+  seen_from_.clear();
+  for (const Observation& observation : changed.observations) seen_from_.push_back(center(observation.keyframe));
   const int octave = keyframe(changed.reference.keyframe).keypoints()[changed.reference.feature].octave;
-  SetViewing(ComputeViewing(changed.position, seen_from, center(changed.reference.keyframe), octave, info().orb),
+  SetViewing(ComputeViewing(changed.position, seen_from_, center(changed.reference.keyframe), octave, info().orb),
              &changed);
 }
 
 std::vector<KeyframeId> Edit::ChangedKeyframes() const {
   std::vector<KeyframeId> ids;
-  for (const auto& [id, keyframe] : keyframes_) {
+  keyframes_.ForEachTouched([&](KeyframeId id, const std::shared_ptr<Keyframe>& keyframe) {
     if (keyframe) ids.push_back(id);
-  }
-  std::sort(ids.begin(), ids.end());
+  });
   return ids;
 }
 
 Delta Edit::Finish(std::string reason) {
-  std::erase_if(points_, [&](const auto& entry) {
-    return entry.second && entry.second->observations.empty() && !base_->points().Contains(entry.first);
+  std::vector<PointId> unseen;
+  points_.ForEachTouched([&](PointId id, const std::shared_ptr<MapPoint>& point) {
+    if (point && point->observations.empty() && !base_->points().Contains(id)) unseen.push_back(id);
   });
+  for (const PointId id : unseen) points_.Set(id, nullptr);
   while (!stale_covisibility_.empty()) UpdateCovisibility(*stale_covisibility_.begin());
-  Centers centers;
-  for (const auto& [id, stale] : stale_points_) {
-    if (FindPoint(id) != nullptr) Refresh(id, stale, &centers);
+  Centers centers(next_keyframe_.value());
+  for (const PointId id : stale_points_) {
+    const auto stale = static_cast<Stale>(std::exchange(points_.Mark(id), std::uint8_t{0}));
+    if (stale != Stale::kNo && FindPoint(id) != nullptr) Refresh(id, stale, &centers);
   }
   stale_points_.clear();
   // A new keyframe hangs below the keyframe it shares most with; a keyframe of the same edit only if it came earlier,

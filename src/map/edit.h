@@ -1,13 +1,16 @@
 // A change in the making: reads fall through to the Snapshot it started from, writes stay here until Finish() turns
-// them into a Delta. Mapping works on an Edit and keeps the links between entities true through it.
+// them into a Delta. Mapping works on an Edit and keeps the links between entities true through it. One thread at a
+// time, for reading as well.
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <unordered_map>
 #include <vector>
 
+#include "map/draft.h"
 #include "map/snapshot.h"
 
 namespace cairn::map {
@@ -20,13 +23,14 @@ class Edit {
   const MapInfo& info() const { return info_ ? *info_ : base_->info(); }
 
   // Null if it does not exist (or was erased here).
-  const Keyframe* FindKeyframe(KeyframeId id) const;
-  const MapPoint* FindPoint(PointId id) const;
+  const Keyframe* FindKeyframe(KeyframeId id) const { return keyframes_.Find(id); }
+  const MapPoint* FindPoint(PointId id) const { return points_.Find(id); }
   // The entity must exist. References stay valid until the entity is erased or the Edit finishes; a reference from
   // before the first change of an entity keeps showing the old value.
   const Keyframe& keyframe(KeyframeId id) const { return *FindKeyframe(id); }
   const MapPoint& point(PointId id) const { return *FindPoint(id); }
   const Pinhole& pinhole(CameraId id) const;
+  KeyframeId next_keyframe() const { return next_keyframe_; }  // above every id
 
   void SetInfo(MapInfo info) { info_ = std::move(info); }
   CameraId AddCamera(MapCamera camera);     // gives the id
@@ -69,11 +73,13 @@ class Edit {
 
  private:
   // Which of a point's derived fields are out of date.
-  enum class Stale : std::uint8_t { kViewing, kAll };  // only distances and direction, or the reference as well
-  using Centers = std::unordered_map<KeyframeId, Vector3d>;
+  // Only distances and direction, or the reference as well.
+  enum class Stale : std::uint8_t { kNo, kViewing, kAll };
+  // Of cameras, by id, filled as they are needed; poses must not change while it is in use.
+  using Centers = std::vector<std::optional<Vector3d>>;
 
-  Keyframe& MutableKeyframe(KeyframeId id);
-  MapPoint& MutablePoint(PointId id);
+  Keyframe& MutableKeyframe(KeyframeId id) { return keyframes_.Mutable(id); }
+  MapPoint& MutablePoint(PointId id) { return points_.Mutable(id); }
   void MarkStale(PointId id, Stale stale);
   void Refresh(PointId id, Stale stale, Centers* centers);
   void SetEdge(KeyframeId from, KeyframeId to, int shared_points);
@@ -84,12 +90,14 @@ class Edit {
   std::optional<MapInfo> info_;
   std::vector<MapCamera> cameras_;
   std::vector<Session> sessions_;
-  // Null: erased here.
-  std::unordered_map<KeyframeId, std::shared_ptr<Keyframe>> keyframes_;
-  std::unordered_map<PointId, std::shared_ptr<MapPoint>> points_;
+  Draft<KeyframeId, Keyframe> keyframes_;
+  Draft<PointId, MapPoint> points_;  // marked with their Stale
   std::set<KeyframeId> stale_covisibility_;
-  std::vector<int> shared_;  // of UpdateCovisibility()
-  std::unordered_map<PointId, Stale> stale_points_;
+  std::vector<int> shared_;            // of UpdateCovisibility()
+  std::vector<PointId> stale_points_;  // once marked so
+  // Of Refresh(); keep their memory.
+  std::vector<image::Descriptor> descriptors_;
+  std::vector<Vector3d> seen_from_;
   std::unordered_map<KeyframeId, KeyframeId> link_if_alone_;
   KeyframeId next_keyframe_;
   PointId next_point_;

@@ -1,7 +1,9 @@
 #include "map/snapshot.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
+#include <vector>
 
 namespace cairn::map {
 namespace {
@@ -13,14 +15,40 @@ absl::Status Broken(const std::string& what) {
 std::string Name(KeyframeId id) { return absl::StrCat("keyframe ", id.value()); }
 std::string Name(PointId id) { return absl::StrCat("point ", id.value()); }
 
-absl::Status CheckKeyframe(const Snapshot& map, const Keyframe& keyframe) {
+// The points that a change puts or removes.
+class TouchedPoints {
+ public:
+  explicit TouchedPoints(const Delta& delta) {
+    std::uint32_t last = 0;
+    first_ = std::numeric_limits<std::uint32_t>::max();
+    const auto cover = [&](PointId id) { first_ = std::min(first_, id.value()), last = std::max(last, id.value()); };
+    for (const auto& point : delta.points) cover(point->id);
+    for (const PointId id : delta.removed_points) cover(id);
+    if (last == 0) return;
+    touched_.assign(last - first_ + std::size_t{1}, false);
+    for (const auto& point : delta.points) touched_[point->id.value() - first_] = true;
+    for (const PointId id : delta.removed_points) touched_[id.value() - first_] = true;
+  }
+  bool Contains(PointId id) const {
+    const std::uint32_t at = id.value() - first_;  // wraps far beyond the end if below
+    return at < touched_.size() && touched_[at];
+  }
+
+ private:
+  std::uint32_t first_ = 0;
+  std::vector<bool> touched_;
+};
+
+// same(i) tells which features need no look.
+template <class Same>
+absl::Status CheckKeyframe(const Snapshot& map, const Keyframe& keyframe, Same same) {
   if (!map.cameras().contains(keyframe.camera)) return Broken(Name(keyframe.id) + " has an unknown camera");
   if (!map.sessions().contains(keyframe.session)) return Broken(Name(keyframe.id) + " has an unknown session");
   if (!keyframe.features || keyframe.points.size() != keyframe.features->features.size()) {
     return Broken(Name(keyframe.id) + " does not have one point entry per feature");
   }
   for (std::uint32_t i = 0; i < keyframe.points.size(); ++i) {
-    if (!keyframe.points[i]) continue;
+    if (!keyframe.points[i] || same(i)) continue;
     const MapPoint* point = map.points().Find(keyframe.points[i]);
     if (point == nullptr)
       return Broken(absl::StrCat(Name(keyframe.id), " observes missing ", Name(keyframe.points[i])));
@@ -123,8 +151,15 @@ absl::StatusOr<std::shared_ptr<const Snapshot>> Snapshot::Apply(const Delta& del
     next->points_.Set(point->id, point, edit);
   }
   // What was put must resolve; what was removed was unlinked by whoever made the delta.
+  const TouchedPoints touched(delta);
   for (const auto& keyframe : delta.keyframes) {
-    if (absl::Status status = CheckKeyframe(*next, *keyframe); !status.ok()) {
+    // A point that is as it was knows of an observation that is as it was.
+    const Keyframe* before = keyframes_.Find(keyframe->id);
+    const bool comparable = before != nullptr && before->points.size() == keyframe->points.size();
+    const auto same = [&](std::uint32_t i) {
+      return comparable && before->points[i] == keyframe->points[i] && !touched.Contains(keyframe->points[i]);
+    };
+    if (absl::Status status = CheckKeyframe(*next, *keyframe, same); !status.ok()) {
       return absl::InvalidArgumentError(absl::StrCat("change rejected: ", status.message()));
     }
   }
@@ -139,7 +174,7 @@ absl::StatusOr<std::shared_ptr<const Snapshot>> Snapshot::Apply(const Delta& del
 absl::Status Snapshot::CheckConsistency() const {
   absl::Status status;
   keyframes_.ForEach([&](const auto& keyframe) {
-    if (status.ok()) status = CheckKeyframe(*this, *keyframe);
+    if (status.ok()) status = CheckKeyframe(*this, *keyframe, [](std::uint32_t) { return false; });
   });
   points_.ForEach([&](const auto& point) {
     if (status.ok()) status = CheckPoint(*this, *point);

@@ -64,9 +64,7 @@ absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, double map_
                                          KeyframeId parent, Current* current) {
   CpuStopwatch watch;
   if (vocabulary_ != nullptr) {
-    for (const image::Descriptor& descriptor : current->features->features.descriptors) {
-      current->features->words.push_back(vocabulary_->Lookup(descriptor));
-    }
+    current->features->words = vocabulary_->LookupAll(current->features->features.descriptors);
   }
   InsertionRequest request;
   request.keyframe.session = session_;

@@ -1,9 +1,9 @@
 #include "mapping/local_adjustment.h"
 
 #include <algorithm>
-#include <map>
 #include <unordered_map>
-#include <unordered_set>
+
+#include "base/dense_ids.h"
 
 namespace cairn::mapping {
 namespace {
@@ -24,22 +24,22 @@ std::vector<PointId> PointsOf(const map::Edit& edit, std::span<const KeyframeId>
       if (point && edit.point(point).observations.size() >= 2) points.push_back(point);
     }
   }
-  std::sort(points.begin(), points.end());
-  points.erase(std::unique(points.begin(), points.end()), points.end());
+  SortUnique(&points);
   return points;
 }
 
 // The keyframes that are not free but see the points, most points first.
 std::vector<KeyframeId> Observers(const map::Edit& edit, std::span<const PointId> points,
-                                  const std::unordered_set<KeyframeId>& free, int max_count) {
-  std::map<KeyframeId, int> count;
+                                  std::span<const KeyframeId> free, int max_count) {
+  std::vector<int> count(edit.next_keyframe().value(), 0);
   for (const PointId point : points) {
-    for (const map::Observation& observation : edit.point(point).observations) {
-      if (!free.contains(observation.keyframe)) ++count[observation.keyframe];
-    }
+    for (const map::Observation& observation : edit.point(point).observations) ++count[observation.keyframe.value()];
   }
+  for (const KeyframeId id : free) count[id.value()] = 0;
   std::vector<std::pair<int, KeyframeId>> order;
-  for (const auto& [id, seen] : count) order.emplace_back(-seen, id);
+  for (std::uint32_t id = 0; id < count.size(); ++id) {
+    if (count[id] > 0) order.emplace_back(-count[id], KeyframeId(id));
+  }
   std::sort(order.begin(), order.end());
   if (max_count > 0 && static_cast<int>(order.size()) > max_count) order.resize(static_cast<std::size_t>(max_count));
   std::vector<KeyframeId> observers;
@@ -49,30 +49,31 @@ std::vector<KeyframeId> Observers(const map::Edit& edit, std::span<const PointId
 
 Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const LocalAdjustmentOptions& options) {
   Built built;
-  const std::unordered_set<KeyframeId> is_free(free.begin(), free.end());
   built.points = PointsOf(edit, free);
-  const std::vector<KeyframeId> fixed = Observers(edit, built.points, is_free, options.max_fixed_keyframes);
+  const std::vector<KeyframeId> fixed = Observers(edit, built.points, free, options.max_fixed_keyframes);
   built.keyframes.assign(free.begin(), free.end());
   built.keyframes.insert(built.keyframes.end(), fixed.begin(), fixed.end());
   const bool floats = fixed.empty() && options.priors.empty();
   const KeyframeId anchor = floats ? *std::min_element(free.begin(), free.end()) : KeyframeId();
 
   std::unordered_map<CameraId, std::uint32_t> camera_of;
-  std::unordered_map<KeyframeId, std::uint32_t> pose_of;
+  constexpr auto kNone = static_cast<std::uint32_t>(-1);
+  std::vector<std::uint32_t> pose_of(edit.next_keyframe().value(), kNone);
+  std::vector<const image::Keypoint*> keypoints;
   for (std::uint32_t i = 0; i < built.keyframes.size(); ++i) {
     const map::Keyframe& keyframe = edit.keyframe(built.keyframes[i]);
     const auto [camera, added] =
         camera_of.try_emplace(keyframe.camera, static_cast<std::uint32_t>(built.problem.cameras.size()));
     if (added) built.problem.cameras.push_back(edit.pinhole(keyframe.camera));
-    pose_of[keyframe.id] = i;
+    pose_of[keyframe.id.value()] = i;
+    keypoints.push_back(keyframe.keypoints().data());
     built.problem.poses.push_back(
         {keyframe.camera_from_map, camera->second, i >= free.size() || keyframe.id == anchor || options.hold_poses});
   }
   for (const KeyframePrior& prior : options.priors) {
-    const auto pose = pose_of.find(prior.keyframe);
-    if (pose == pose_of.end() || pose->second >= free.size()) continue;
-    built.problem.priors.push_back(
-        {pose->second, prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad});
+    const std::uint32_t pose = pose_of[prior.keyframe.value()];
+    if (pose == kNone || pose >= free.size()) continue;
+    built.problem.priors.push_back({pose, prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad});
   }
   std::vector<double> sigma;
   for (int octave = 0; octave < edit.info().orb.num_levels; ++octave) sigma.push_back(edit.info().orb.Scale(octave));
@@ -80,11 +81,10 @@ Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const Local
     const map::MapPoint& point = edit.point(built.points[p]);
     built.problem.points.push_back(point.position);
     for (const map::Observation& observation : point.observations) {
-      const auto pose = pose_of.find(observation.keyframe);
-      if (pose == pose_of.end()) continue;
-      const image::Keypoint& keypoint = edit.keyframe(observation.keyframe).keypoints()[observation.feature];
-      built.problem.observations.push_back(
-          {pose->second, p, Vector2d(keypoint.x_px, keypoint.y_px), sigma[keypoint.octave]});
+      const std::uint32_t pose = pose_of[observation.keyframe.value()];
+      if (pose == kNone) continue;
+      const image::Keypoint& keypoint = keypoints[pose][observation.feature];
+      built.problem.observations.push_back({pose, p, Vector2d(keypoint.x_px, keypoint.y_px), sigma[keypoint.octave]});
     }
   }
   return built;

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "geometry/triangulation.h"
+#include "image/hamming.h"
 #include "image/matching.h"
 
 namespace cairn::mapping {
@@ -109,7 +110,7 @@ class EpipolarMatcher {
     const Vector2d begin = segment->begin - beyond * direction, end = segment->end + beyond * direction;
     grid_b_.QuerySegment(begin.x(), begin.y(), end.x(), end.y(), half_width, keypoint.octave - kOctaves,
                          keypoint.octave + kOctaves, &nearby_);
-    image::BestTwo best;
+    fitting_.clear();
     for (const std::uint32_t in_grid : nearby_) {
       const std::uint32_t other = open_[in_grid];
       const image::Keypoint& candidate = pair_.b.keypoints()[other];
@@ -119,7 +120,15 @@ class EpipolarMatcher {
       if (across * across > options_.max_epipolar_chi_square * sigma * sigma) continue;
       if (position < -3.0 * sigma || position > length + 3.0 * sigma) continue;
       if (std::abs(WrapAngle(candidate.angle_rad - keypoint.angle_rad - pair_.roll_rad)) > kMaxRollErrorRad) continue;
-      const int distance = image::HammingDistance(pair_.a.descriptors()[feature], pair_.b.descriptors()[other]);
+      fitting_.push_back(other);
+    }
+    distances_.resize(fitting_.size());
+    image::HammingDistancesAt(pair_.a.descriptors()[feature], pair_.b.descriptors().data(), fitting_.data(),
+                              fitting_.size(), distances_.data());
+    image::BestTwo best;
+    for (std::size_t i = 0; i < fitting_.size(); ++i) {
+      const std::uint32_t other = fitting_[i];
+      const int distance = distances_[i];
       // The double of a feature in another octave is no rival of it.
       if (best.index != image::kNoFeature && SamePlace(best.index, other)) {
         if (distance < best.distance) {
@@ -144,7 +153,8 @@ class EpipolarMatcher {
   std::vector<std::uint32_t> open_;  // features in the grid
   const TriangulationOptions& options_;
   std::vector<double> sigma_;
-  std::vector<std::uint32_t> nearby_;
+  std::vector<std::uint32_t> nearby_, fitting_;
+  std::vector<std::uint16_t> distances_;
 };
 
 bool Reprojects(const Pinhole& pinhole, const Vector3d& point_c, const image::Keypoint& keypoint, double sigma,

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <unordered_set>
 
+#include "base/dense_ids.h"
+#include "image/matching.h"
 #include "tracking/projection_matcher.h"
 
 namespace cairn::mapping {
@@ -20,14 +22,13 @@ std::uint32_t BestFeature(const map::Keyframe& keyframe, const tracking::PointPr
                           std::vector<std::uint32_t>* near) {
   const double radius = options.extra_sigma_px + options.radius_px * scale[static_cast<std::size_t>(projection.octave)];
   grid.Query(projection.pixel.x(), projection.pixel.y(), radius, projection.octave - 1, projection.octave + 1, near);
-  image::BestTwo best;
-  for (const std::uint32_t feature : *near) {
+  std::erase_if(*near, [&](std::uint32_t feature) {
     const image::Keypoint& keypoint = keyframe.keypoints()[feature];
     const double error_x = projection.pixel.x() - keypoint.x_px, error_y = projection.pixel.y() - keypoint.y_px;
     const double sigma = scale[keypoint.octave] + options.extra_sigma_px;
-    if (error_x * error_x + error_y * error_y > options.max_chi_square * sigma * sigma) continue;
-    best.Add(feature, image::HammingDistance(descriptor, keyframe.descriptors()[feature]));
-  }
+    return error_x * error_x + error_y * error_y > options.max_chi_square * sigma * sigma;
+  });
+  const image::BestTwo best = image::FindBestTwo(descriptor, keyframe.descriptors(), *near);
   return best.Accept(options.max_distance, 1.0) ? best.index : image::kNoFeature;
 }
 
@@ -85,8 +86,7 @@ FusionCounts FuseAround(map::Edit& edit, KeyframeId id, std::span<const Keyframe
   }
   std::vector<PointId> others;
   for (const KeyframeId other : around) points_of(other, &others);
-  std::sort(others.begin(), others.end());
-  others.erase(std::unique(others.begin(), others.end()), others.end());
+  SortUnique(&others);
   add(FuseInto(edit, id, others, grids, options));
   return counts;
 }

@@ -121,31 +121,64 @@ absl::StatusOr<Vocabulary> Vocabulary::WithWeights(std::vector<float> weights) c
   return result;
 }
 
-WordId Vocabulary::Lookup(const image::Descriptor& descriptor, int level, NodeId* node_at_level) const {
+// The first of equally near ones.
+NodeId Vocabulary::NearestChild(NodeId node, const image::Descriptor& descriptor) const {
   std::array<std::uint16_t, kMaxBranching> distances;
+  const NodeId first = first_child_[node];
+  const std::uint32_t count = child_count_[node];
+  image::HammingDistances(descriptor, &descriptor_[first], count, distances.data());
+  // Distance and position in one number: no branch, which would be guessed wrongly.
+  std::uint32_t best = ~std::uint32_t{0};
+  for (std::uint32_t i = 0; i < count; ++i) best = std::min(best, std::uint32_t{distances[i]} << 8 | i);
+  return first + (best & 0xff);
+}
+
+WordId Vocabulary::Lookup(const image::Descriptor& descriptor, int level, NodeId* node_at_level) const {
   NodeId node = 0;
   if (node_at_level) *node_at_level = 0;
   for (int current = 1; child_count_[node] > 0; ++current) {
-    const NodeId first = first_child_[node];
-    const std::size_t count = child_count_[node];
-    image::HammingDistances(descriptor, &descriptor_[first], count, distances.data());
-    node = first + static_cast<NodeId>(std::min_element(distances.data(), distances.data() + count) - distances.data());
+    node = NearestChild(node, descriptor);
     if (node_at_level && current <= level) *node_at_level = node;
   }
   return word_of_node_[node];
 }
 
+std::vector<WordId> Vocabulary::LookupAll(std::span<const image::Descriptor> descriptors, int level,
+                                          std::vector<NodeId>* nodes_at_level) const {
+  constexpr std::size_t kBlock = 32, kLine = 64 / sizeof(image::Descriptor);
+  std::vector<WordId> words(descriptors.size());
+  if (nodes_at_level) nodes_at_level->assign(descriptors.size(), 0);
+  for (std::size_t begin = 0; begin < descriptors.size(); begin += kBlock) {
+    const std::size_t count = std::min(kBlock, descriptors.size() - begin);
+    std::array<NodeId, kBlock> nodes = {};
+    bool deeper = true;
+    for (int current = 1; deeper; ++current) {
+      deeper = false;
+      for (std::size_t i = 0; i < count; ++i) {
+        if (child_count_[nodes[i]] == 0) continue;
+        nodes[i] = NearestChild(nodes[i], descriptors[begin + i]);
+        __builtin_prefetch(&child_count_[nodes[i]]);
+        __builtin_prefetch(&first_child_[nodes[i]]);
+        if (nodes_at_level && current <= level) (*nodes_at_level)[begin + i] = nodes[i];
+      }
+      for (std::size_t i = 0; i < count; ++i) {
+        const std::size_t children = child_count_[nodes[i]];
+        deeper |= children > 0;
+        for (std::size_t c = 0; c < children; c += kLine) __builtin_prefetch(&descriptor_[first_child_[nodes[i]] + c]);
+      }
+    }
+    for (std::size_t i = 0; i < count; ++i) words[begin + i] = word_of_node_[nodes[i]];
+  }
+  return words;
+}
+
 BagOfWords Vocabulary::Transform(std::span<const image::Descriptor> descriptors, int direct_level) const {
   BagOfWords bag;
   bag.direct.reserve(descriptors.size());
-  std::vector<WordId> words;
-  words.reserve(descriptors.size());
-  for (std::uint32_t i = 0; i < descriptors.size(); ++i) {
-    NodeId node = 0;
-    const WordId word = Lookup(descriptors[i], direct_level, &node);
-    bag.direct.push_back({node, i});
-    if (weight_[word] > 0.0f) words.push_back(word);
-  }
+  std::vector<NodeId> nodes;
+  std::vector<WordId> words = LookupAll(descriptors, direct_level, &nodes);
+  for (std::uint32_t i = 0; i < descriptors.size(); ++i) bag.direct.push_back({nodes[i], i});
+  std::erase_if(words, [&](WordId word) { return !(weight_[word] > 0.0f); });
   std::sort(bag.direct.begin(), bag.direct.end());
   std::sort(words.begin(), words.end());
   double sum = 0.0;

@@ -87,6 +87,11 @@ class Vocabulary {
   // that is higher up).
   WordId Lookup(const image::Descriptor& descriptor, int level = 0, NodeId* node_at_level = nullptr) const;
 
+  // The same for many: faster, as memory is waited for once per level and not once per descriptor. `nodes_at_level`, if
+  // given, is resized to one per descriptor.
+  std::vector<WordId> LookupAll(std::span<const image::Descriptor> descriptors, int level = 0,
+                                std::vector<NodeId>* nodes_at_level = nullptr) const;
+
   // tf-idf weights, L1-normalised, and the direct index at `direct_level` (0: the root, one node for all).
   BagOfWords Transform(std::span<const image::Descriptor> descriptors, int direct_level = kDefaultDirectLevel) const;
   BagOfWords Transform(const image::Features& features, int direct_level = kDefaultDirectLevel) const {
@@ -98,6 +103,7 @@ class Vocabulary {
 
  private:
   Vocabulary() = default;
+  NodeId NearestChild(NodeId node, const image::Descriptor& descriptor) const;
   // Fills what follows from child_count_ and weight_, and the hash. DataLoss if the counts do not make a tree of these
   // many nodes and words, InvalidArgument for a bad weight.
   absl::Status Index();

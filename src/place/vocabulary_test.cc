@@ -57,6 +57,27 @@ TEST(Vocabulary, LooksUpWordsAndNodes) {
   EXPECT_EQ(vocabulary.Lookup(FlipBits(kOnes, 20, &random)), 4u);
 }
 
+TEST(Vocabulary, LooksUpManyAsOneByOne) {
+  const Vocabulary vocabulary = Small();
+  Random random(4);
+  std::vector<image::Descriptor> descriptors;
+  for (int i = 0; i < 100; ++i) {
+    descriptors.push_back(FlipBits(i % 3 == 0 ? kZeros : i % 3 == 1 ? kLowHalf : kOnes, i, &random));
+  }
+  for (const int level : {0, 1, 2, 3}) {
+    std::vector<NodeId> nodes;
+    const std::vector<WordId> words = vocabulary.LookupAll(descriptors, level, &nodes);
+    ASSERT_EQ(words.size(), descriptors.size());
+    ASSERT_EQ(nodes.size(), descriptors.size());
+    for (std::size_t i = 0; i < descriptors.size(); ++i) {
+      NodeId node = 99;
+      EXPECT_EQ(words[i], vocabulary.Lookup(descriptors[i], level, &node)) << i;
+      EXPECT_EQ(nodes[i], node) << i << " at level " << level;
+    }
+  }
+  EXPECT_THAT(vocabulary.LookupAll({}), IsEmpty());
+}
+
 TEST(Vocabulary, TransformsToNormalisedTfIdf) {
   const Vocabulary vocabulary = Small();
   const std::vector<image::Descriptor> descriptors = {kOnes, kZeros, kOnes, kMostOnes, kLowHalf};

@@ -4,6 +4,8 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "base/dense_ids.h"
+
 namespace cairn::tracking {
 namespace {
 
@@ -56,15 +58,10 @@ std::vector<const map::MapPoint*> PointsOf(const MapView& map, std::span<const K
     }
   }
   std::vector<const map::MapPoint*> points;
-  if (ids.empty()) return points;
-  // Ids are dense: marking them sorts faster than sorting.
-  const auto [least, greatest] = std::minmax_element(ids.begin(), ids.end());
-  const std::uint32_t first = least->value();
-  std::vector<std::uint8_t> wanted(greatest->value() - first + 1, 0);
-  for (const PointId id : ids) wanted[id.value() - first] = 1;
-  for (std::uint32_t i = 0; i < wanted.size(); ++i) {
-    if (!wanted[i]) continue;
-    if (const map::MapPoint* point = FindPoint(map, PointId(first + i))) points.push_back(point);
+  SortUnique(&ids);
+  points.reserve(ids.size());
+  for (const PointId id : ids) {
+    if (const map::MapPoint* point = FindPoint(map, id)) points.push_back(point);
   }
   return points;
 }
