@@ -7,8 +7,8 @@
 namespace cairn::direct {
 namespace {
 
-constexpr int kColumns = 8;
-constexpr int kRows = 6;
+constexpr int kColumns = kCellColumns;
+constexpr int kRows = kCellRows;
 constexpr int kMinCellPoints = 10;
 constexpr double kMinSigmaGray = 3.0;  // of a cell of the reference: below it there is no pattern
 
@@ -17,6 +17,12 @@ struct CellSums {
   int visible = 0;  // of these, inside the image
   double x = 0.0, y = 0.0, xx = 0.0, yy = 0.0, xy = 0.0;
 };
+
+std::size_t CellOf(const Pinhole& camera, float x_px, float y_px) {
+  const int column = std::min(kColumns - 1, static_cast<int>(x_px) * kColumns / camera.width_px);
+  const int row = std::min(kRows - 1, static_cast<int>(y_px) * kRows / camera.height_px);
+  return static_cast<std::size_t>(row * kColumns + column);
+}
 
 }  // namespace
 
@@ -29,9 +35,7 @@ AlignmentAgreement CheckAlignment(const PyramidGeometry& geometry, const Trackin
   const Matrix3d rotation = new_from_reference.RotationMatrix();
   std::array<CellSums, kColumns* kRows> cells = {};
   for (int i = 0; i < points.count; ++i) {
-    const int column = std::min(kColumns - 1, static_cast<int>(points.x[i]) * kColumns / camera.width_px);
-    const int row = std::min(kRows - 1, static_cast<int>(points.y[i]) * kRows / camera.height_px);
-    CellSums& cell = cells[static_cast<std::size_t>(row * kColumns + column)];
+    CellSums& cell = cells[CellOf(camera, points.x[i], points.y[i])];
     ++cell.points;
     const Vector3d moved = rotation * camera.Unproject(Vector2d(points.x[i], points.y[i])) +
                            static_cast<double>(points.inverse_depth[i]) * new_from_reference.translation();
@@ -48,7 +52,8 @@ AlignmentAgreement CheckAlignment(const PyramidGeometry& geometry, const Trackin
     cell.xx += color * color, cell.yy += value * value, cell.xy += color * value;
   }
   AlignmentAgreement agreement;
-  for (const CellSums& cell : cells) {
+  for (std::size_t k = 0; k < cells.size(); ++k) {
+    const CellSums& cell = cells[k];
     if (cell.visible < kMinCellPoints || 2 * cell.visible < cell.points) continue;
     const double n = cell.visible;
     const double var_x = cell.xx / n - (cell.x / n) * (cell.x / n);
@@ -56,9 +61,30 @@ AlignmentAgreement CheckAlignment(const PyramidGeometry& geometry, const Trackin
     if (var_x < kMinSigmaGray * kMinSigmaGray) continue;
     ++agreement.cells;
     const double covariance = cell.xy / n - (cell.x / n) * (cell.y / n);
-    if (var_y > 1e-3 && covariance > kAgreeingCorrelation * std::sqrt(var_x * var_y)) ++agreement.agreeing;
+    const double sigmas = var_y > 1e-3 ? std::sqrt(var_x * var_y) : 0.0;
+    if (sigmas > 0.0 && covariance > kAgreeingCorrelation * sigmas) ++agreement.agreeing;
+    agreement.disagreeing[k] = sigmas <= 0.0 || covariance < kDisagreeingCorrelation * sigmas;
   }
   return agreement;
+}
+
+void WithoutCells(const PyramidGeometry& geometry, const TrackingReference& reference, const CellSet& without,
+                  TrackingReference* rest) {
+  rest->keyframe = reference.keyframe;
+  rest->light = reference.light;
+  rest->exposure_gain = reference.exposure_gain;
+  rest->mean_inverse_depth = reference.mean_inverse_depth;
+  for (int level = 0; level < geometry.levels; ++level) {
+    const TrackingReference::Level& from = reference.level[level];
+    TrackingReference::Level& to = rest->level[level];
+    to.x.clear(), to.y.clear(), to.inverse_depth.clear(), to.color.clear();
+    for (int i = 0; i < from.count; ++i) {
+      if (without[CellOf(geometry.camera[level], from.x[i], from.y[i])]) continue;
+      to.x.push_back(from.x[i]), to.y.push_back(from.y[i]);
+      to.inverse_depth.push_back(from.inverse_depth[i]), to.color.push_back(from.color[i]);
+    }
+    PadLevel(&to);
+  }
 }
 
 }  // namespace cairn::direct

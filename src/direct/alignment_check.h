@@ -11,19 +11,26 @@
 
 #include "direct/coarse_tracker.h"
 #include "direct/image_pyramid.h"
+#include "direct/view_cells.h"
 #include "geometry/se3.h"
 
 namespace cairn::direct {
 
 struct AlignmentAgreement {
-  int cells = 0;     // in view, with texture
-  int agreeing = 0;  // of these, with a correlation of at least kAgreeingCorrelation
+  int cells = 0;             // in view, with texture
+  CellSet disagreeing = {};  // cells of the reference with a correlation below kDisagreeingCorrelation
+  int agreeing = 0;          // of these, with a correlation of at least kAgreeingCorrelation
   double share() const { return cells > 0 ? static_cast<double>(agreeing) / cells : 0.0; }
 };
 
 inline constexpr double kAgreeingCorrelation = 0.7;
+inline constexpr double kDisagreeingCorrelation = 0.4;
 
 AlignmentAgreement CheckAlignment(const PyramidGeometry& geometry, const TrackingReference& reference,
                                   const ImagePyramid& image, const SE3& new_from_reference);
+
+// The reference's points outside of some of its cells; `rest` keeps its memory, and gets no thumbnail.
+void WithoutCells(const PyramidGeometry& geometry, const TrackingReference& reference, const CellSet& without,
+                  TrackingReference* rest);
 
 }  // namespace cairn::direct

@@ -43,6 +43,14 @@ CoarseTracker::CoarseTracker(const PyramidGeometry& geometry, double huber_gray,
   weight_copy_.resize(weight_[0].size());
 }
 
+void PadLevel(TrackingReference::Level* level) {
+  level->count = static_cast<int>(level->x.size());
+  while (level->x.size() % 8 != 0) {
+    level->x.push_back(kFarOut), level->y.push_back(kFarOut);
+    level->inverse_depth.push_back(1.0f), level->color.push_back(0.0f);
+  }
+}
+
 void CoarseTracker::BuildReference(const ImagePyramid& image, const std::vector<ReferencePoint>& points,
                                    TrackingReference* reference) {
   std::fill(depth_[0].begin(), depth_[0].end(), 0.0f);
@@ -102,15 +110,11 @@ void CoarseTracker::BuildReference(const ImagePyramid& image, const std::vector<
         out.color.push_back(image.At(level, x, y)[0] - static_cast<float>(reference->light.b));
       }
     }
-    out.count = static_cast<int>(out.x.size());
+    PadLevel(&out);
     if (level == 0 && out.count > 0) {
       double sum = 0.0;
-      for (const float inverse_depth : out.inverse_depth) sum += inverse_depth;
+      for (int i = 0; i < out.count; ++i) sum += out.inverse_depth[static_cast<std::size_t>(i)];
       reference->mean_inverse_depth = sum / out.count;
-    }
-    while (out.x.size() % 8 != 0) {
-      out.x.push_back(kFarOut), out.y.push_back(kFarOut);
-      out.inverse_depth.push_back(1.0f), out.color.push_back(0.0f);
     }
   }
 }

@@ -35,6 +35,9 @@ struct TrackingReference {
   double mean_inverse_depth = 1.0;
 };
 
+// Counts the points of a level and adds padding that is in no image.
+void PadLevel(TrackingReference::Level* level);
+
 // Where an alignment starts and how far from it the true motion may be, in pixels of level 0 (standard deviation of
 // rotation and, for a point at the reference's mean depth, of translation; 0: unknown). It decides only what the image
 // leaves open, such as the motion along a blank wall.

@@ -19,7 +19,12 @@ inline constexpr int kFrameUnknowns = 8;  // left increment of camera_from_direc
 using Vector8d = Eigen::Matrix<double, 8, 1>;
 using Matrix8d = Eigen::Matrix<double, 8, 8>;
 
-enum class ResidualState : std::uint8_t { kNone, kGood, kOutOfImage, kOutlier };
+// kCovered: something stands before the point (direct/cover_mask.h); nothing is known, and it is no sign against it.
+enum class ResidualState : std::uint8_t { kNone, kGood, kOutOfImage, kOutlier, kCovered };
+
+inline bool HasResidual(ResidualState state) {
+  return state != ResidualState::kNone && state != ResidualState::kCovered;
+}
 
 // Of a point, per keyframe of the window.
 struct PointResidual {

@@ -40,7 +40,8 @@ Odometry::Impl::Impl(const OdometryOptions& options, const Pinhole& camera)
       tracker_(geometry_, options.huber_gray, options.coarse_cutoff_gray),
       window_(geometry_, MakeWindowOptions(options)),
       reference_builder_(geometry_, options.huber_gray, options.coarse_cutoff_gray),
-      start_(options, camera) {
+      start_(options, camera),
+      cover_(geometry_.camera[0]) {
   trace_options_.max_search_px =
       options.max_search_share * (geometry_.camera[0].width_px + geometry_.camera[0].height_px);
   trace_options_.slack_px = options.trace_slack_px;

@@ -94,6 +94,8 @@ void Odometry::Impl::UndoStart(const StartResult& better) {
   }
   lost_.clear();
   last_frame_ = {};
+  cover_.Reset();
+  clear_reference_ = nullptr;
   window_.Clear();
   std::string message;
   if (BuildFirstWindow(better, start_reference_, &message)) {

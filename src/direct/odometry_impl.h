@@ -1,5 +1,5 @@
 // The state of Odometry. Files: odometry.cc (interface, results, packets), odometry_tracking.cc (poses of frames),
-// odometry_mapping.cc (keyframes), odometry_start.cc (first keyframes),
+// odometry_mapping.cc (keyframes), odometry_cover.cc (obstacles), odometry_start.cc (first keyframes),
 // odometry_confirmation.cc (was the start right).
 #pragma once
 
@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "direct/coarse_tracker.h"
+#include "direct/cover_mask.h"
 #include "direct/feature_start.h"
 #include "direct/keyframe.h"
 #include "direct/odometry.h"
@@ -97,6 +98,7 @@ class Odometry::Impl {
   void LearnPredictionError(const TrackingReference& reference, const SE3& predicted, const SE3& found);
   bool SearchReferences(std::span<const std::shared_ptr<const TrackingReference>> newest_first, const FrameData& data,
                         TimeNs time_ns, TrackingOutcome* outcome, std::shared_ptr<const TrackingReference>* found);
+  void AlignUncovered(const TrackingReference& reference, const FrameData& data, TrackingOutcome* outcome);
   bool Plausible(const TrackingReference& reference, const FrameData& data, const TrackingOutcome& outcome) const;
   double Quality(const TrackingOutcome& outcome) const;
   bool NeedsKeyframe(const TrackingReference& reference, const TrackingOutcome& outcome);
@@ -113,6 +115,9 @@ class Odometry::Impl {
   SE3 KeyframePoseOf(std::int64_t id) const;
   void FlushWindow();
   void RequeueLost();
+
+  // odometry_cover.cc
+  void FindCover();
 
   // odometry_start.cc
   void AddToStart(const Job& job);
@@ -162,7 +167,8 @@ class Odometry::Impl {
   double predicted_steps_ = 1.0;          // time to the frame in units of the time between the two before it
   int lost_frames_ = 0;
   AffineLight last_light_;
-  std::vector<SE3> guesses_;  // keeps its memory
+  std::vector<SE3> guesses_;     // keeps its memory
+  TrackingReference uncovered_;  // likewise
 
   // Mapping only.
   Window window_;
@@ -180,6 +186,13 @@ class Odometry::Impl {
   bool start_doubted_ = false;       // the frames of the start are still kept; packets are held back
   std::function<void(StartResult*)> alter_start_;
   std::vector<SelectedPixel> selected_;
+  CoverMask cover_;
+  std::shared_ptr<const TrackingReference> clear_reference_;  // the last one made before anything was covered
+  struct Position {
+    float x = -1.0f, y = -1.0f;
+  };
+  std::vector<Position> positions_;  // of the window's points in the newest keyframe; keeps its memory
+  std::vector<PairProjection> to_newest_;
 };
 
 }  // namespace cairn::direct

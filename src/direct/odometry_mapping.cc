@@ -104,6 +104,7 @@ void Odometry::Impl::MakeKeyframe(const Job& job) {
   }
   window_.AddKeyframe(std::move(keyframe));
   window_.ConnectNewest();
+  FindCover();
   const std::vector<bool> goes = ChooseMarginalized();
   {
     const Timer timer(this, &statistics_.activate);
@@ -179,7 +180,11 @@ std::vector<bool> Odometry::Impl::ChooseMarginalized() const {
 
 void Odometry::Impl::ActivatePoints(const std::vector<bool>& goes) {
   // The spacing steers the number of points.
-  const double have = static_cast<double>(window_.points().size()) / options_.max_active_points;
+  const auto seen = [n = window_.size() - 1](const ActivePoint& point) {
+    return point.residuals[n].state != ResidualState::kCovered;
+  };
+  const double have = static_cast<double>(std::count_if(window_.points().begin(), window_.points().end(), seen)) /
+                      options_.max_active_points;
   const double change = have < 0.66   ? -0.8
                         : have < 0.8  ? -0.5
                         : have < 0.9  ? -0.2
@@ -222,7 +227,7 @@ void Odometry::Impl::ActivatePoints(const std::vector<bool>& goes) {
                          point.status != TraceStatus::kNew;
       const float middle = 0.5f * (point.min_inverse_depth + point.max_inverse_depth);
       bool keep = !goes[h];
-      if (known && project(h, point.x, point.y, middle, &u, &v) &&
+      if (known && project(h, point.x, point.y, middle, &u, &v) && !cover_.Covered(u, v) &&
           !spacing_.HasNeighbour(u, v, static_cast<float>(spacing_px_ * kPassSpacing[point.pass]))) {
         keep = false;
         if (window_.RefineCandidate(point, h, options_.min_activation_hessian, min_good, &active)) {
@@ -248,6 +253,7 @@ void Odometry::Impl::SelectCandidates(Keyframe* keyframe) {
   keyframe->immature.reserve(selected_.size());
   ImmaturePoint point;
   for (const SelectedPixel& pixel : selected_) {
+    if (cover_.Covered(pixel.x, pixel.y)) continue;
     if (!MakeImmaturePoint(pyramid, pixel.x, pixel.y, options_.gradient_constant_gray, options_.outlier_gray, &point))
       continue;
     point.pass = pixel.pass;
@@ -329,6 +335,8 @@ void Odometry::Impl::FlushWindow() {
   if (!window_.empty()) ++segment_;
   window_.Clear();
   start_.Reset();
+  cover_.Reset();
+  clear_reference_ = nullptr;
   retained_.clear();
   start_reference_ = 0;
 }

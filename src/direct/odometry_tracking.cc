@@ -20,6 +20,8 @@ constexpr double kMaxVelocityRatio = 5.0;  // a gap is bridged by at most as man
 constexpr std::size_t kMaxReferences = 8;  // tried when lost
 constexpr double kSureQuality = 0.8;       // from here on an alignment is believed without a second opinion
 constexpr double kMinAgreement = 0.25;  // of the textured cells (see alignment_check.h): fewer and it is another place
+constexpr int kUncoverRounds = 2;
+constexpr int kMinUncoveredCells = 6;              // that agree: fewer cannot carry an alignment
 constexpr std::size_t kMaxSearchedReferences = 4;  // of those most similar to a lost frame
 
 SE3 Scaled(const SE3& motion, double factor) { return SE3::Exp(factor * motion.Log()); }
@@ -196,6 +198,32 @@ bool Odometry::Impl::SearchReferences(std::span<const std::shared_ptr<const Trac
   return false;
 }
 
+// Where an obstacle has come before a part of what the reference shows, that part is left out: if it is the larger one,
+// it would hold the rest back. The quality still tells of the whole.
+void Odometry::Impl::AlignUncovered(const TrackingReference& reference, const FrameData& data,
+                                    TrackingOutcome* outcome) {
+  const LightPrior prior = PriorOf(data.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
+  CellSet covered = {};
+  for (int round = 0; round < kUncoverRounds; ++round) {
+    const AlignmentAgreement agreement =
+        CheckAlignment(geometry_, reference, data.pyramid, outcome->new_from_reference);
+    const CellSet now = LargeRegions(agreement.disagreeing);
+    if (now == covered || agreement.agreeing < kMinUncoveredCells) return;
+    covered = now;
+    WithoutCells(geometry_, reference, covered, &uncovered_);
+    const double never[kMaxLevels] = {};
+    double rms[kMaxLevels] = {};
+    const TrackingOutcome rest = tracker_.Align(uncovered_, data, {outcome->new_from_reference, MotionSigmaPx()},
+                                                outcome->light, prior, never, rms);
+    if (!rest.converged || Quality(rest) < Quality(*outcome)) return;
+    outcome->new_from_reference = rest.new_from_reference;
+    outcome->light = rest.light;
+    outcome->rms_gray = rest.rms_gray;
+    outcome->flow_px = rest.flow_px;
+    outcome->translation_flow_px = rest.translation_flow_px;
+  }
+}
+
 FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position, Job* job) {
   const Timer timer(this, &statistics_.track);
   std::shared_ptr<FrameData> data = NewFrameData(frame);
@@ -216,6 +244,7 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
   const SE3 predicted = guesses.front();
   bool found =
       AlignBest(*reference, *data, guesses, was_lost ? 0.0 : MotionSigmaPx(), was_lost ? 0.0 : last_rms_, &outcome);
+  if (found && Quality(outcome) < kSureQuality) AlignUncovered(*reference, *data, &outcome);
   if (found && !was_lost) LearnPredictionError(*reference, predicted, outcome.new_from_reference);
   if (!found)
     found = SearchReferences({references.data(), reference_count}, *data, frame.time_ns, &outcome, &reference);

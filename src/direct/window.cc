@@ -156,7 +156,7 @@ double Window::LinearizeActive() {
     double h_depth = 0.0, b_depth = 0.0;
     for (int t = 0; t < n; ++t) {
       PointResidual& residual = point.residuals[t];
-      if (residual.state == ResidualState::kNone) continue;
+      if (!HasResidual(residual.state)) continue;
       const float limit = std::max(keyframes_[point.host]->energy_limit, keyframes_[t]->energy_limit);
       if (!Evaluate(point, t, point.inverse_depth, &residual.energy, &row)) {
         residual.state = ResidualState::kOutOfImage;
@@ -332,7 +332,7 @@ OptimizationReport Window::Optimize(int max_iterations) {
   PreparePairs();
   for (ActivePoint& point : points_) {
     PointResidual& residual = point.residuals[size() - 1];
-    if (residual.state == ResidualState::kNone) continue;
+    if (!HasResidual(residual.state)) continue;
     residual.state = Evaluate(point, size() - 1, point.inverse_depth, &residual.energy, nullptr)
                          ? ResidualState::kGood
                          : ResidualState::kOutOfImage;

@@ -61,6 +61,11 @@ class Window {
   std::unique_ptr<Keyframe> MarginalizeKeyframe(int index);
   void Clear();
 
+  // Of a point in a keyframe other than its host, at the current estimate; false if it is out of the image.
+  bool EnergyAgainst(const ActivePoint& point, int target, float* energy) const {
+    return Evaluate(point, target, point.inverse_depth, energy, nullptr);
+  }
+
   // Geometry of a host and target at the current estimate.
   PairProjection Projection(int host, int target) const;
 

@@ -24,13 +24,14 @@ void Window::MarginalizePoints(const std::vector<bool>& keyframe_goes) {
     int active = 0, good = 0, going = 0;
     for (int t = 0; t < n; ++t) {
       const ResidualState state = point.residuals[t].state;
-      if (state == ResidualState::kNone) continue;
+      if (!HasResidual(state)) continue;
       ++active;
       if (state == ResidualState::kGood) ++good;
       if (state == ResidualState::kGood && keyframe_goes[t]) ++going;
     }
     const auto unseen = [&](int t) {
-      return t >= 0 && t != point.host && point.residuals[t].state != ResidualState::kGood;
+      const ResidualState state = point.residuals[t].state;
+      return t != point.host && state != ResidualState::kGood && state != ResidualState::kCovered;
     };
     const bool host_goes = keyframe_goes[point.host];
     const bool left = point.host < n - 2 && unseen(n - 1) && unseen(n - 2);
