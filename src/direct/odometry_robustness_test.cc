@@ -276,6 +276,7 @@ TEST(AlignmentCheck, TellsTheSamePlaceFromAnotherAndCountsWhatIsVisible) {
   tracker.BuildReference(pyramid, points, &reference);
   const SE3 motion = testing::SwayPose(8).Inverse() * testing::SwayPose(0);
   Frame frame = Sway()[8];
+  frame.image = frame.image.clone();  // a sum assigned to it would be written into the frame that all tests share
   pyramid.Build(frame, geometry);
   EXPECT_GT(CheckAlignment(geometry, reference, pyramid, motion).share(), 0.9);
   frame.image = 0.5 * Sway()[8].image + 20.0;  // gain and offset do not matter
@@ -389,7 +390,7 @@ TEST(OdometryStart, ALongWaitLosesNoPose) {
   for (int i = 0; i < kWait; ++i) {
     const bool interpolated = results[i].message.find("between its neighbours") != std::string::npos;
     between += interpolated;
-    EXPECT_LT((scale * estimate(i) - truth(i)).norm(), 0.2 * truth(kWait + 29).norm()) << i;
+    EXPECT_LT((scale * estimate(i) - truth(i)).norm(), 0.12 * truth(kWait + 29).norm()) << i;
   }
   EXPECT_GT(between, 60);
 }
