@@ -107,18 +107,46 @@ FrameResult Odometry::Impl::Result(std::size_t position) const {
   std::lock_guard lock(mutex_);
   FrameResult result = results_[position];
   result.direct_from_camera = DirectFromCamera(result);
+  if (result.keyframe >= 0) result.segment = keyframes_[static_cast<std::size_t>(result.keyframe)].segment;
   if (result.state == TrackingState::kInitializing) result.message = start_message_;
   return result;
 }
 
-std::vector<FrameResult> Odometry::Impl::FrameResults() const {
-  std::lock_guard lock(mutex_);
-  std::vector<FrameResult> results = results_;
-  for (FrameResult& result : results) {
-    SpreadCorrection(keyframes_, &result);
-    result.direct_from_camera = DirectFromCamera(result);
+// Copied in parts, so that a long history holds nobody up. Frames come first: what they refer to is there when the
+// keyframes are copied, unless a start was undone between, which replaces keyframes.
+PoseHistory Odometry::Impl::Poses() const {
+  constexpr std::size_t kPart = 2048;
+  PoseHistory history;
+  for (bool consistent = false; !consistent;) {
+    std::size_t count, keyframes;
+    std::int64_t undone;
+    {
+      std::lock_guard lock(mutex_);
+      count = results_.size();
+      keyframes = keyframes_.size();
+      undone = statistics_.starts_undone;
+    }
+    history.frames.resize(count);
+    for (std::size_t begin = 0; begin < count; begin += kPart) {
+      std::lock_guard lock(mutex_);
+      const std::size_t end = std::min(begin + kPart, count);
+      std::copy(results_.begin() + static_cast<std::ptrdiff_t>(begin),
+                results_.begin() + static_cast<std::ptrdiff_t>(end),
+                history.frames.begin() + static_cast<std::ptrdiff_t>(begin));
+    }
+    history.keyframes.resize(keyframes + kMaxWindow);  // so that no memory is asked for under the lock
+    std::lock_guard lock(mutex_);
+    history.keyframes.assign(keyframes_.begin(), keyframes_.end());
+    consistent = undone == statistics_.starts_undone;
   }
-  return results;
+  for (FrameResult& result : history.frames) {
+    SpreadCorrection(history.keyframes, &result);
+    if (result.keyframe < 0) continue;
+    const KeyframePose& keyframe = history.keyframes[static_cast<std::size_t>(result.keyframe)];
+    result.segment = keyframe.segment;
+    result.direct_from_camera = keyframe.direct_from_camera * result.keyframe_from_camera;
+  }
+  return history;
 }
 
 std::vector<KeyframePose> Odometry::Impl::KeyframeTrajectory() const {
@@ -257,7 +285,8 @@ bool Odometry::AwaitsKeyframe() const { return impl_->AwaitsKeyframe(); }
 std::vector<KeyframePacket> Odometry::TakePackets() { return impl_->TakePackets(); }
 absl::StatusOr<KeyframePacket> Odometry::PacketOf(std::int64_t keyframe) const { return impl_->PacketOf(keyframe); }
 void Odometry::Finish() { impl_->Finish(); }
-std::vector<FrameResult> Odometry::FrameResults() const { return impl_->FrameResults(); }
+absl::Status Odometry::GoOnFrom(KnownView view) { return impl_->GoOnFrom(std::move(view)); }
+PoseHistory Odometry::Poses() const { return impl_->Poses(); }
 std::vector<KeyframePose> Odometry::KeyframeTrajectory() const { return impl_->KeyframeTrajectory(); }
 OdometryStatistics Odometry::Statistics() const { return impl_->Statistics(); }
 

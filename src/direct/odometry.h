@@ -44,6 +44,7 @@ struct OdometryStatistics {
   std::int64_t keyframes = 0;
   std::int64_t segments = 0;       // starts that succeeded
   std::int64_t starts_undone = 0;  // found wrong by what followed, and replaced
+  std::int64_t recoveries = 0;     // of the segments those that began at a known view
 };
 
 // A keyframe's best pose so far; final once it has left the window.
@@ -58,6 +59,12 @@ struct KeyframePose {
   // keyframe it was tracked against; -1 for the first of a segment.
   std::int64_t reference = -1;
   SE3 reference_from_camera = SE3();
+};
+
+// The poses of all frames and keyframes at one moment.
+struct PoseHistory {
+  std::vector<FrameResult> frames;      // as FrameResults() says
+  std::vector<KeyframePose> keyframes;  // as KeyframeTrajectory() says
 };
 
 class Odometry {
@@ -84,7 +91,14 @@ class Odometry {
   // the next Track() should wait for MapNext().
   bool AwaitsKeyframe() const;
 
-  // Packets of the keyframes that left the window since the last call, in the order of leaving. None while a start may
+  // Ends a loss: at one of the frames without a pose since the last tracked one, of which somebody knows the depths of
+  // some points, a new segment begins, and the lost frames around it are tracked. Only queued here, for MapNext();
+  // without effect if a frame has been tracked meanwhile, or that frame is not kept any more. The caller's units have
+  // no further use: as in any segment the median depth is 1. InvalidArgument for too few points, or bad depths.
+  absl::Status GoOnFrom(KnownView view);
+
+  // Packets of the keyframes that left the window since the last call, in the order of leaving, and at once (and still
+  // active) the first keyframe of a segment that began at a known view. None while a start may
   // still be undone: then its keyframes, and the poses of its frames, are replaced (direct/odometry_confirmation.cc).
   std::vector<KeyframePacket> TakePackets();
   // The packet of a keyframe that is still in the window; NotFound otherwise. Not at the same time as MapNext().
@@ -97,7 +111,9 @@ class Odometry {
   // optimization changed of the motion from a keyframe to the next is spread evenly over the time between (also in
   // keyframe_from_camera), so that the poses between are as good as the keyframes'.
   // keyframe is -1 and the state kInitializing or kLost for the frames without a pose.
-  std::vector<FrameResult> FrameResults() const;
+  std::vector<FrameResult> FrameResults() const { return Poses().frames; }
+  // Both, of one moment. Tracking and mapping go on meanwhile: they wait for copies of parts at most, not for the sums.
+  PoseHistory Poses() const;
   // All keyframes ever made, in temporal order.
   std::vector<KeyframePose> KeyframeTrajectory() const;
   OdometryStatistics Statistics() const;

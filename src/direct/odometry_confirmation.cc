@@ -78,9 +78,9 @@ void Odometry::Impl::UndoStart(const StartResult& better) {
       fresh.time_ns = results_[i].time_ns;
       results_[i] = fresh;
     }
-    for (Job& job : jobs_) {  // tracked against what is gone
-      if (!job.data && !job.lost) continue;
-      if (!job.restart) ++untracked_jobs_;  // else counted already
+    for (Job& job : jobs_) {                 // tracked against what is gone
+      if (!job.data && !job.lost) continue;  // as it is: untracked, or a known view
+      if (!job.restart) ++untracked_jobs_;   // else counted already
       Job again;
       again.frame = job.data ? job.data->frame : job.frame;
       again.position = job.position;

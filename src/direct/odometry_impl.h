@@ -1,6 +1,6 @@
 // The state of Odometry. Files: odometry.cc (interface, results, packets), odometry_tracking.cc (poses of frames),
 // odometry_mapping.cc (keyframes), odometry_cover.cc (obstacles), odometry_start.cc (first keyframes),
-// odometry_confirmation.cc (was the start right).
+// odometry_confirmation.cc (was the start right), odometry_recovery.cc (going on from a known view).
 #pragma once
 
 #include <chrono>
@@ -43,7 +43,8 @@ class Odometry::Impl {
   std::vector<KeyframePacket> TakePackets();
   absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
   void Finish();
-  std::vector<FrameResult> FrameResults() const;
+  absl::Status GoOnFrom(KnownView view);
+  PoseHistory Poses() const;
   std::vector<KeyframePose> KeyframeTrajectory() const;
   OdometryStatistics Statistics() const;
   // For tests: what every start passes through before it is used.
@@ -57,8 +58,9 @@ class Odometry::Impl {
     std::shared_ptr<const FrameData> data;  // of a tracked one
     std::size_t position = 0;               // in results_
     bool keyframe = false;
-    bool lost = false;     // its image is kept: a new segment begins with the first lost frame
-    bool restart = false;  // tracking gave up: start a new segment
+    bool lost = false;                       // its image is kept: a new segment begins with the first lost frame
+    bool restart = false;                    // tracking gave up: start a new segment
+    std::shared_ptr<const KnownView> known;  // no frame, but where to go on
     std::int64_t reference = -1;
     SE3 keyframe_from_camera;
     AffineLight light;
@@ -129,6 +131,12 @@ class Odometry::Impl {
                          const SE3& view_from_reference) const;
   void RetrackRetained(const StartResult& start, std::size_t reference_at);
   void StoreRetracked(std::size_t position, std::int64_t keyframe, const SE3& keyframe_from_camera, double quality);
+
+  // odometry_recovery.cc
+  std::vector<Retained> WaitingFrames() const;
+  void BeginAt(const KnownView& view);
+  bool BuildKnownWindow(const Frame& frame, const KnownView& view);
+  void TrackBackwards(std::span<const Retained> frames, const TrackingReference& reference);
 
   // odometry_confirmation.cc
   void DoubtStart(const Frame& frame, std::size_t position, bool tracked);

@@ -29,6 +29,10 @@ bool Odometry::Impl::MapNext() {
     jobs_.erase(jobs_.begin());
     starting = mode_ == Mode::kStarting;
   }
+  if (job.known) {
+    BeginAt(*job.known);
+    return true;
+  }
   if (job.lost) {
     lost_.push_back({job.frame, job.position});
     DoubtStart(job.frame, job.position, false);

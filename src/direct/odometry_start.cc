@@ -295,22 +295,8 @@ void Odometry::Impl::RetrackRetained(const StartResult& start, std::size_t refer
     StoreRetracked(retained_[i].position, references[before]->keyframe, pose,
                    good ? Quality(outcome) : kInterpolatedQuality);
   }
-  // Before the reference: backwards against the first keyframe, until it is out of sight.
-  SE3 guess, motion;
-  AffineLight light = references.front()->light;
-  for (std::size_t i = reference_at; i-- > 0;) {
-    const std::shared_ptr<FrameData> data = NewFrameData(retained_[i].frame);
-    const TrackingReference& reference = *references.front();
-    last_light_ = light;
-    TrackingOutcome outcome;
-    if (!AlignBest(reference, *data, {motion * guess, guess}, 0.0, last_rms_, &outcome)) break;
-    motion = outcome.new_from_reference * guess.Inverse();
-    guess = outcome.new_from_reference;
-    light = outcome.light;
-    last_rms_ = outcome.rms_gray;
-    StoreRetracked(retained_[i].position, reference.keyframe, guess.Inverse(), Quality(outcome));
-  }
-  last_rms_ = 0.0;
+  const std::vector<Retained> before(retained_.begin(), retained_.begin() + static_cast<std::ptrdiff_t>(reference_at));
+  TrackBackwards(before, *references.front());
 }
 
 }  // namespace cairn::direct

@@ -278,6 +278,7 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
   keyframe_awaited_ = found && outcome.visible_share < options_.keyframe_min_tracked_share;
   if (keyframe_queued_) job->keyframe = false;
   result.direct_from_camera = DirectFromCamera(result);
+  if (found) result.segment = keyframes_[static_cast<std::size_t>(result.keyframe)].segment;
   results_[position] = result;
   return result;
 }

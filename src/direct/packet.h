@@ -1,5 +1,6 @@
-// What leaves the direct module: the pose of every frame, and a packet for every keyframe that has left its window.
-// Frame "direct" is the odometry's own world: metric up to one unknown, slowly drifting scale.
+// What passes between the direct module and others. What leaves it: the pose of every frame, and a packet for every
+// keyframe that has left its window. Frame "direct" is the odometry's own world: metric up to one unknown, slowly
+// drifting scale.
 #pragma once
 
 #include <cstdint>
@@ -45,6 +46,12 @@ struct KeyframePacket {
   bool still_active = false;
 };
 
+// A frame that somebody else knows: where a lost odometry goes on (Odometry::GoOnFrom).
+struct KnownView {
+  std::int64_t frame_index = 0;
+  std::vector<PacketPoint> points;  // in that frame; inverse depths in any one unit, variances are not used
+};
+
 enum class TrackingState { kInitializing, kGood, kPoor, kLost };
 
 // The answer to one frame. The pose is relative to a keyframe so that it follows every later correction of it.
@@ -53,6 +60,7 @@ struct FrameResult {
   TimeNs time_ns = 0;
   TrackingState state = TrackingState::kInitializing;
   std::int64_t keyframe = -1;  // the reference keyframe; -1 while there is none
+  std::int64_t segment = -1;   // likewise: of direct_from_camera
   SE3 keyframe_from_camera;
   SE3 direct_from_camera;  // the live estimate
   double quality = 0.0;    // 0 (lost) to 1: share of the reference's points that match well
