@@ -10,6 +10,7 @@ namespace cairn::synth {
 namespace {
 
 constexpr double kHalfTurn = std::numbers::pi;
+constexpr double kSoftBeyond_m = 1.2;  // of the wall at the end of a soft side, past its corridor
 
 Material RichWall(Random& random) {
   constexpr std::array<Material, 5> kWalls = {Material::kPlaster, Material::kWallpaper, Material::kBrick,
@@ -81,6 +82,13 @@ void FurnishWall(WorldBuilder& b, const Place& wall, double x0, double x1, doubl
   }
 }
 
+// How many of a wall's panels, the last ones, have nothing but stripes on a corridor with a soft side: all of that
+// side, the second; and `at_the_end` of the next side's outer wall, towards which one walks there.
+int SoftPanels(std::size_t side, bool is_outer, int panels, double at_the_end) {
+  if (side == 1) return panels;
+  return side == 2 && is_outer ? std::min(panels, static_cast<int>(std::ceil(at_the_end))) : 0;
+}
+
 }  // namespace
 
 void BuildRoom(WorldBuilder& b, const WorldOptions& o) {
@@ -139,7 +147,11 @@ void BuildCorridor(WorldBuilder& b, const WorldOptions& o) {
       Random random(Derive(side_seed, is_outer ? 1 : 2));
       const int panels = std::max(1, static_cast<int>(std::lround(length / 2.4)));
       const double width = length / panels;
-      for (int k = 0; k < panels; ++k) {
+      const int rich = panels - (o.soft_side ? SoftPanels(side, is_outer, panels, (cw + kSoftBeyond_m) / width) : 0);
+      if (rich < panels) {
+        AddWall(b, wall.At(rich * width, 0), (panels - rich) * width, h, Material::kStripes, Derive(side_seed, 4));
+      }
+      for (int k = 0; k < rich; ++k) {
         const std::uint64_t seed = random.Next();
         const bool blank = random.Uniform() < o.blank_share;
         AddWall(b, wall.At(k * width, 0), width, h, blank ? Material::kBlank : RichWall(random), seed);
@@ -171,9 +183,12 @@ void BuildCorridor(WorldBuilder& b, const WorldOptions& o) {
     const Vector3d away = Place{Vector3d::Zero(), wall.yaw_rad}.ToWorld({0, 1, 0});
     const double length = lengths[side] - cw;
     Random random(Derive(side_seed, 3));
-    b.AddRectangle(wall.ToWorld({0, 0, 0}), right, -away, length, cw,
-                   random.Below(2) == 0 ? Material::kTiles : Material::kCarpet, random.Next(), true, true);
-    b.AddRectangle(wall.ToWorld({0, -cw, h}), right, away, length, cw, Material::kCeiling, random.Next(), true);
+    const bool soft = o.soft_side && side == 1;
+    const Material floor = random.Below(2) == 0 ? Material::kTiles : Material::kCarpet;
+    b.AddRectangle(wall.ToWorld({0, 0, 0}), right, -away, length, cw, soft ? Material::kStripes : floor, random.Next(),
+                   true, true);
+    b.AddRectangle(wall.ToWorld({0, -cw, h}), right, away, length, cw, soft ? Material::kStripes : Material::kCeiling,
+                   random.Next(), true);
   }
 }
 

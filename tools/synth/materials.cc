@@ -5,6 +5,8 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "base/random.h"
 
@@ -436,6 +438,33 @@ void Window(Painter& p) {
   p.Box(0, 0.4 * p.height, p.width, 0.035, 240);
 }
 
+// Parallel stripes of unequal width with soft edges. Straight edges stay straight in an image: of a circle of pixels
+// around any place on them at most half is on one side, at every scale, which is no corner.
+void Stripes(Painter& p) {
+  constexpr double kEdge = 0.03;  // width of an edge
+  const double angle = (p.random.Below(2) == 0 ? -1.0 : 1.0) * p.U(0.45, 1.1);
+  const double across_x = std::cos(angle), across_y = std::sin(angle);
+  const double reach = p.width + p.height;
+  std::vector<std::pair<double, double>> stripes;  // where each begins, and its tone
+  bool dark = p.random.Below(2) == 0;
+  for (double at = -reach; at < reach; at += p.U(0.12, 0.3), dark = !dark) {
+    stripes.emplace_back(at, dark ? p.Tone(60, 110) : p.Tone(150, 205));
+  }
+  cv::Mat& image = p.image();
+  const double texel_x = p.width / image.cols, texel_y = p.height / image.rows;
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x) {
+      const double at = (x + 0.5) * texel_x * across_x + (y + 0.5) * texel_y * across_y;
+      const auto next = std::upper_bound(stripes.begin() + 1, stripes.end() - 1, at,
+                                         [](double value, const auto& stripe) { return value < stripe.first; });
+      const double tone = (next - 1)->second, into = std::clamp((at - (next - 1)->first) / kEdge, 0.0, 1.0);
+      const double before = next - 1 == stripes.begin() ? tone : (next - 2)->second;
+      const double share = into * into * (3.0 - 2.0 * into);
+      image.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(std::lround(before + share * (tone - before)));
+    }
+  }
+}
+
 }  // namespace
 
 cv::Mat MakeMaterial(Material material, double width_m, double height_m, double texels_per_m, std::uint64_t seed) {
@@ -498,6 +527,9 @@ cv::Mat MakeMaterial(Material material, double width_m, double height_m, double 
       break;
     case Material::kWindow:
       Window(p);
+      break;
+    case Material::kStripes:
+      Stripes(p);
       break;
   }
   return p.image();

@@ -1,5 +1,5 @@
 // Procedural surfaces: seeded gray images that look like the materials of a furnished building and, but for the blank
-// ones, have many corners and gradients at every scale and nowhere repeat.
+// and the soft-edged ones, have many corners and gradients at every scale and nowhere repeat.
 #pragma once
 
 #include <cstdint>
@@ -27,6 +27,7 @@ enum class Material {
   kFabric,
   kDoor,
   kWindow,
+  kStripes,  // soft-edged stripes: gradients in plenty, next to no corners at any scale
 };
 
 // CV_8UC1 reflectance, 255 = white. The same arguments give the same bytes.

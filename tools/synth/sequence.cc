@@ -27,7 +27,7 @@ absl::Status SequenceOptions::Validate() const {
   return absl::OkStatus();
 }
 
-std::vector<std::string> PresetNames() { return {"office", "corridor", "aliasing", "plain"}; }
+std::vector<std::string> PresetNames() { return {"office", "corridor", "aliasing", "plain", "soft"}; }
 
 absl::StatusOr<SequenceOptions> Preset(const std::string& name) {
   SequenceOptions o;
@@ -37,12 +37,14 @@ absl::StatusOr<SequenceOptions> Preset(const std::string& name) {
     if (name == "plain") o.world.blank_share = 0.3;
     return o;
   }
-  if (name == "corridor" || name == "aliasing") {
+  if (name == "corridor" || name == "aliasing" || name == "soft") {
     o.world.kind = WorldKind::kCorridor;
     o.world.seed = 2;
     o.world.size_m = Vector3d(22.8, 11.6, 2.6);  // 60 m along the middle
     o.world.texels_per_m = 200.0;
     o.world.aliased_sides = name == "aliasing";
+    o.world.soft_side = name == "soft";
+    if (o.world.soft_side) o.world.size_m.head<2>() = Vector2d(14.0, 13.0);
     o.trajectory.laps = 1.15;
     o.trajectory.speed_m_s = 1.1;
     return o;

@@ -34,11 +34,13 @@ struct SequenceOptions {
   absl::Status Validate() const;
 };
 
-// What `cairn synth` offers by name: office, corridor, aliasing, plain.
+// What `cairn synth` offers by name: office, corridor, aliasing, plain, soft.
 //   office    a furnished office of 34 square metres, one round
 //   corridor  a closed corridor of 60 m, a little more than one round
 //   aliasing  the same with two sides that look exactly alike
 //   plain     the office with 30 % of its walls blank
+//   soft      a closed corridor of 45 m, of which the second side is painted with soft-edged stripes: about 8 s with
+//             gradients and next to no corners
 // NotFound lists the names.
 absl::StatusOr<SequenceOptions> Preset(const std::string& name);
 std::vector<std::string> PresetNames();

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <numbers>
+#include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "io/frame_source.h"
@@ -52,7 +53,7 @@ TEST(Texture, ConstantStaysAndMeanSurvivesReduction) {
 }
 
 TEST(Materials, SeededDistinctAndFullOfGradients) {
-  for (int m = 0; m <= static_cast<int>(Material::kWindow); ++m) {
+  for (int m = 0; m <= static_cast<int>(Material::kStripes); ++m) {
     const auto material = static_cast<Material>(m);
     const cv::Mat a = MakeMaterial(material, 0.8, 0.6, 150, 5);
     EXPECT_TRUE(SameBytes(a, MakeMaterial(material, 0.8, 0.6, 150, 5))) << m;
@@ -181,6 +182,35 @@ TEST(World, AliasedSidesAreTurnedCopies) {
   EXPECT_LT(difference("aliasing", 4.0), 3.0);  // but for the far end, where the corridor turns
   EXPECT_GT(difference("corridor", 4.0), 10.0);
   EXPECT_GT(difference("aliasing", 48.0), 10.0);  // on a side along y
+}
+
+// FAST corners of the feature module's lowest threshold at a coarse scale and at full size, and pixels with a gradient.
+TEST(World, ASoftSideHasGradientsButNextToNoCorners) {
+  SequenceOptions o = *Preset("soft");
+  const auto count = [&o](double time_s, int* corners, int* gradients) {
+    const auto sequence = Sequence::Create(o);
+    const cv::Mat image = sequence->Render(static_cast<int>(time_s * o.rate_hz));
+    *corners = 0;
+    for (const double scale : {1.0, 0.48}) {
+      cv::Mat scaled;
+      cv::resize(image, scaled, cv::Size(), scale, scale, cv::INTER_AREA);
+      std::vector<cv::KeyPoint> found;
+      cv::FAST(scaled, found, 7, true);
+      *corners += static_cast<int>(found.size());
+    }
+    cv::Mat dx, dy, magnitude;
+    cv::Sobel(image, dx, CV_32F, 1, 0, 3, 0.125);
+    cv::Sobel(image, dy, CV_32F, 0, 1, 3, 0.125);
+    cv::magnitude(dx, dy, magnitude);
+    *gradients = cv::countNonZero(magnitude > 5.0);
+  };
+  int corners, gradients, rich_corners, rich_gradients;
+  count(14.5, &corners, &gradients);
+  o.world.soft_side = false;
+  count(14.5, &rich_corners, &rich_gradients);
+  EXPECT_LT(corners, 60);
+  EXPECT_GT(rich_corners, 1000);
+  EXPECT_GT(gradients, 10000);
 }
 
 TEST(Effects, EachChangesTheImageAsItShould) {

@@ -28,6 +28,9 @@ struct WorldOptions {
   double blank_share = 0.0;
   // Corridor only: the two sides along x look exactly alike, panel by panel and object by object; the other two do not.
   bool aliased_sides = false;
+  // Corridor only: everything on the second side, and the wall that is seen from it, is painted with soft-edged
+  // stripes: enough gradients to track by, but next to no corners.
+  bool soft_side = false;
   // 0: no furniture, bare walls.
   double furniture_density = 1.0;
   double texels_per_m = 260.0;
