@@ -187,6 +187,13 @@ void BuildCorridor(WorldBuilder& b, const WorldOptions& o) {
     const Material floor = random.Below(2) == 0 ? Material::kTiles : Material::kCarpet;
     b.AddRectangle(wall.ToWorld({0, 0, 0}), right, -away, length, cw, soft ? Material::kStripes : floor, random.Next(),
                    true, true);
+    if (o.soft_side && side == 2) {  // what is seen of it from the soft side
+      const double beyond = kSoftBeyond_m, from = lengths[side] - cw - beyond;
+      b.AddRectangle(wall.ToWorld({from, 0, 0.002}), right, -away, beyond, cw, Material::kStripes,
+                     Derive(side_seed, 5));
+      b.AddRectangle(wall.ToWorld({from, -cw, h - 0.002}), right, away, beyond, cw, Material::kStripes,
+                     Derive(side_seed, 6));
+    }
     b.AddRectangle(wall.ToWorld({0, -cw, h}), right, away, length, cw, soft ? Material::kStripes : Material::kCeiling,
                    random.Next(), true);
   }

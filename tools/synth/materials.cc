@@ -439,28 +439,32 @@ void Window(Painter& p) {
 }
 
 // Parallel stripes of unequal width with soft edges. Straight edges stay straight in an image: of a circle of pixels
-// around any place on them at most half is on one side, at every scale, which is no corner.
+// around any place on them at most half is on one side, at every scale, which is no corner. Towards the border of the
+// surface they fade, so that there is none where surfaces meet.
 void Stripes(Painter& p) {
-  constexpr double kEdge = 0.03;  // width of an edge
+  constexpr double kEdge = 0.06;  // width of an edge
+  constexpr double kFade = 0.8, kGround = 130.0;
+  const auto smooth = [](double share) { return share * share * (3.0 - 2.0 * share); };
   const double angle = (p.random.Below(2) == 0 ? -1.0 : 1.0) * p.U(0.45, 1.1);
   const double across_x = std::cos(angle), across_y = std::sin(angle);
   const double reach = p.width + p.height;
   std::vector<std::pair<double, double>> stripes;  // where each begins, and its tone
   bool dark = p.random.Below(2) == 0;
-  for (double at = -reach; at < reach; at += p.U(0.12, 0.3), dark = !dark) {
-    stripes.emplace_back(at, dark ? p.Tone(60, 110) : p.Tone(150, 205));
+  for (double at = -reach; at < reach; at += p.U(0.3, 0.55), dark = !dark) {
+    stripes.emplace_back(at, dark ? p.Tone(75, 105) : p.Tone(155, 185));
   }
   cv::Mat& image = p.image();
   const double texel_x = p.width / image.cols, texel_y = p.height / image.rows;
   for (int y = 0; y < image.rows; ++y) {
     for (int x = 0; x < image.cols; ++x) {
-      const double at = (x + 0.5) * texel_x * across_x + (y + 0.5) * texel_y * across_y;
+      const double px = (x + 0.5) * texel_x, py = (y + 0.5) * texel_y, at = px * across_x + py * across_y;
       const auto next = std::upper_bound(stripes.begin() + 1, stripes.end() - 1, at,
                                          [](double value, const auto& stripe) { return value < stripe.first; });
       const double tone = (next - 1)->second, into = std::clamp((at - (next - 1)->first) / kEdge, 0.0, 1.0);
       const double before = next - 1 == stripes.begin() ? tone : (next - 2)->second;
-      const double share = into * into * (3.0 - 2.0 * into);
-      image.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(std::lround(before + share * (tone - before)));
+      const double fade = smooth(std::min(1.0, std::min({px, py, p.width - px, p.height - py}) / kFade));
+      const double value = kGround + fade * (before + smooth(into) * (tone - before) - kGround);
+      image.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(std::lround(value));
     }
   }
 }

@@ -208,7 +208,7 @@ TEST(World, ASoftSideHasGradientsButNextToNoCorners) {
   count(14.5, &corners, &gradients);
   o.world.soft_side = false;
   count(14.5, &rich_corners, &rich_gradients);
-  EXPECT_LT(corners, 60);
+  EXPECT_LT(corners, 150);
   EXPECT_GT(rich_corners, 1000);
   EXPECT_GT(gradients, 10000);
 }
