@@ -77,12 +77,15 @@ absl::Status FeatureMapper::Impl::Continue(Current* current) {
     return Start(SE3(), 1.0, KeyframeId(), current);
   }
   const PoseSeed seed = last_.known ? SeedPose(packet) : PoseSeed();
-  if (last_.known && Track(seed, current)) return Accept(current);
+  // A new segment may be anywhere: a few matches around the last pose, found in a wide search, prove nothing.
+  const bool blind = last_.known && packet.segment != last_.segment;
+  if (last_.known && !blind && Track(seed, current)) return Accept(current);
   CAIRN_ASSIGN_OR_RETURN(const bool relocated, Relocate(current));
   if (relocated) {
     current->report.relocated = true;
     return Accept(current);
   }
+  if (blind && Track(seed, current) && current->tracked.inliers >= options_.poor_inliers) return Accept(current);
   return Lose(seed.camera_from_map, current);
 }
 
@@ -140,6 +143,9 @@ absl::StatusOr<KeyframeReport> FeatureMapper::Process(const direct::KeyframePack
   return impl_->Process(packet);
 }
 
+absl::StatusOr<std::optional<direct::KnownView>> FeatureMapper::Locate(const direct::Frame& frame) const {
+  return impl_->Locate(frame);
+}
 absl::Status FeatureMapper::Finish() { return impl_->Finish(); }
 absl::StatusOr<std::shared_ptr<const map::Snapshot>> FeatureMapper::CommitCorrection(
     map::Delta delta, const std::unordered_map<KeyframeId, double>& scales) {
@@ -152,6 +158,7 @@ void FeatureMapper::ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3
 }
 
 const tracking::PlaceDatabase* FeatureMapper::places() const { return impl_->places(); }
+const KeyframeTrajectory& FeatureMapper::trajectory() const { return impl_->trajectory(); }
 const std::shared_ptr<const map::Snapshot>& FeatureMapper::map() const { return impl_->map(); }
 FeatureState FeatureMapper::state() const { return impl_->state(); }
 std::vector<TrajectoryKeyframe> FeatureMapper::Trajectory(const map::Snapshot& snapshot) const {

@@ -9,6 +9,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <unordered_map>
 #include <vector>
 
@@ -82,6 +83,10 @@ class FeatureMapper {
   // camera. The commit function's errors are returned as they are.
   absl::StatusOr<KeyframeReport> Process(const direct::KeyframePacket& packet);
 
+  // Looks for an image anywhere in the map, for an odometry that is lost: the points that it shows, with their depths
+  // in the image in map units. None if it is not found, or without a vocabulary. Changes nothing.
+  absl::StatusOr<std::optional<direct::KnownView>> Locate(const direct::Frame& frame) const;
+
   // Ends the session: a wider bundle adjustment over everything this session added, if it is small enough, and the
   // poses of the keyframes that were not inserted refined once more against the final map.
   absl::Status Finish();
@@ -97,6 +102,9 @@ class FeatureMapper {
 
   // The keyframes of map() by their words; null without a vocabulary.
   const tracking::PlaceDatabase* places() const;
+
+  // Every direct keyframe processed, as Trajectory() resolves them.
+  const KeyframeTrajectory& trajectory() const;
 
   // The map after the last commit.
   const std::shared_ptr<const map::Snapshot>& map() const;

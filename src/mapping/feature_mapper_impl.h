@@ -52,6 +52,7 @@ class FeatureMapper::Impl {
   }
 
   absl::StatusOr<KeyframeReport> Process(const direct::KeyframePacket& packet);
+  absl::StatusOr<std::optional<direct::KnownView>> Locate(const direct::Frame& frame) const;
   absl::Status Finish();
 
   absl::Status CommitCorrection(map::Delta delta, const std::unordered_map<KeyframeId, double>& scales);

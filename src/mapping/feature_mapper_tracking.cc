@@ -88,6 +88,31 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
   return tracked;
 }
 
+absl::StatusOr<std::optional<direct::KnownView>> FeatureMapper::Impl::Locate(const direct::Frame& frame) const {
+  if (!places_ || map_->keyframes().empty()) return std::nullopt;
+  CAIRN_ASSIGN_OR_RETURN(const image::Features features, extractor_.Extract(frame.image, options_.max_features));
+  CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
+                         relocalizer_.Relocalize(*map_, *places_, pinhole_, features));
+  if (!found.localized) return std::nullopt;
+  // Many more points are seen than those that told the place.
+  const image::FeatureGrid grid(features.keypoints, pinhole_.width_px, pinhole_.height_px);
+  std::vector<PointId> seen;
+  for (const auto& inlier : found.inliers) seen.push_back(inlier.point);
+  const TrackedKeyframe tracked = TrackKeyframe(*map_, {pinhole_, features, grid}, {found.camera_from_map}, seen,
+                                                found.reference_keyframe, median_depth_, 1.0, options_);
+  if (!tracked.tracked) return std::nullopt;
+  direct::KnownView view;
+  view.frame_index = frame.index;
+  for (std::size_t i = 0; i < tracked.points.size(); ++i) {
+    if (!tracked.points[i]) continue;
+    const double depth = (tracked.camera_from_map * map_->point(tracked.points[i]).position).z();
+    if (depth <= 0.0) continue;
+    const image::Keypoint& keypoint = features.keypoints[i];
+    view.points.push_back({keypoint.x_px, keypoint.y_px, static_cast<float>(1.0 / depth), 0.0f});
+  }
+  return view;
+}
+
 // As long as odometry goes on, a place that is far away along the graph is one to which the camera has come back, or
 // one that only looks like it: loop closing decides, once the map goes on from a new start. A new segment knows
 // nothing.
