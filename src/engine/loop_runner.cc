@@ -27,11 +27,15 @@ absl::Status LoopRunner::AfterPacket(const mapping::KeyframeReport& packet, mapp
   const auto commit = [mapper](map::Delta delta, const mapping::KeyframeScales& scales) {
     return mapper->CommitCorrection(std::move(delta), scales);
   };
+  const auto begin = std::chrono::steady_clock::now();
   CAIRN_ASSIGN_OR_RETURN(mapping::LoopReport report,
                          closer_.Process(mapper->map(), *mapper->places(), packet.keyframe, commit));
   search_ms_.push_back(static_cast<float>(report.detect_ms + report.verify_ms));
   if (report.candidates > 0 && !report.closed) ++rejected_[report.evidence.rejected];
   if (!report.closed) return absl::OkStatus();
+  const std::chrono::duration<double, std::milli> searched(report.detect_ms + report.verify_ms);
+  corrections_.push_back({begin + std::chrono::duration_cast<std::chrono::steady_clock::duration>(searched),
+                          std::chrono::steady_clock::now()});
   loops_.push_back(std::move(report));
   return StartAdjustment(mapper);
 }
@@ -39,10 +43,12 @@ absl::Status LoopRunner::AfterPacket(const mapping::KeyframeReport& packet, mapp
 absl::Status LoopRunner::StartAdjustment(mapping::FeatureMapper* mapper) {
   // One that is under way is about the map before this loop.
   stop_ = true;
+  if (thread_.joinable()) adjustments_.back().end = std::chrono::steady_clock::now();
   Join();
   stop_ = false;
   done_ = false;
   adjustment_.reset();
+  adjustments_.push_back({std::chrono::steady_clock::now(), std::chrono::steady_clock::time_point::max()});
   if (in_background_) {
     thread_ = std::thread([this, map = mapper->map()] { Compute(map); });
     return absl::OkStatus();
@@ -64,10 +70,14 @@ absl::Status LoopRunner::MergeIfDone(mapping::FeatureMapper* mapper) {
   done_ = false;
   const absl::StatusOr<mapping::FullAdjustment> adjustment = *std::exchange(adjustment_, std::nullopt);
   // A map that could not be adjusted is as good as before.
-  if (!adjustment.ok() || adjustment->interrupted) return absl::OkStatus();
-  map::Edit edit(mapper->map());
-  mapping::MergeFullAdjustment(*adjustment, edit);
-  return mapper->CommitCorrection(edit.Finish("full bundle adjustment"), {}).status();
+  absl::Status merged;
+  if (adjustment.ok() && !adjustment->interrupted) {
+    map::Edit edit(mapper->map());
+    mapping::MergeFullAdjustment(*adjustment, edit);
+    merged = mapper->CommitCorrection(edit.Finish("full bundle adjustment"), {}).status();
+  }
+  adjustments_.back().end = std::chrono::steady_clock::now();
+  return merged;
 }
 
 absl::Status LoopRunner::Finish(mapping::FeatureMapper* mapper) {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <map>
 #include <memory>
 #include <optional>
@@ -31,6 +32,13 @@ class LoopRunner {
   // At the end of the stream: waits for the adjustment and merges it.
   absl::Status Finish(mapping::FeatureMapper* mapper);
 
+  // While something was corrected: after a loop, and the adjustments of the whole map with their merging.
+  struct Span {
+    std::chrono::steady_clock::time_point begin, end;
+  };
+  const std::vector<Span>& corrections() const { return corrections_; }
+  const std::vector<Span>& adjustments() const { return adjustments_; }
+
   // Loops closed, in order.
   const std::vector<mapping::LoopReport>& loops() const { return loops_; }
   // Candidates that were no loops, by the reason.
@@ -52,6 +60,8 @@ class LoopRunner {
   std::vector<mapping::LoopReport> loops_;
   std::map<std::string, int> rejected_;
   std::vector<float> search_ms_;
+  std::vector<Span> corrections_;
+  std::vector<Span> adjustments_;
 
   std::thread thread_;
   std::atomic<bool> stop_ = false;

@@ -47,6 +47,7 @@ absl::StatusOr<direct::FrameResult> OdometryRunner::AddFrame(const direct::Frame
     CAIRN_RETURN_IF_ERROR(status_);
     CAIRN_ASSIGN_OR_RETURN(result, odometry_->Process(frame));
   }
+  frame_begins_.push_back(start);
   frame_ms_.push_back(std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count());
   if (result.state == direct::TrackingState::kInitializing && !result.message.empty()) waiting_for_ = result.message;
   if (!options_.in_background) {
@@ -54,6 +55,13 @@ absl::StatusOr<direct::FrameResult> OdometryRunner::AddFrame(const direct::Frame
     CAIRN_RETURN_IF_ERROR(status_);
   }
   return result;
+}
+
+absl::Status OdometryRunner::GoOnFrom(direct::KnownView view) {
+  CAIRN_RETURN_IF_ERROR(odometry_->GoOnFrom(std::move(view)));
+  std::lock_guard lock(mutex_);
+  work_.notify_one();
+  return absl::OkStatus();
 }
 
 void OdometryRunner::MapInBackground() {

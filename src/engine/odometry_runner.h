@@ -6,6 +6,7 @@
 // that has few.
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <functional>
 #include <memory>
@@ -44,6 +45,10 @@ class OdometryRunner {
   // refuses: nothing has changed then. The error of `after_mapping`, once there was one.
   absl::StatusOr<direct::FrameResult> AddFrame(const direct::Frame& frame);
 
+  // Tells a lost odometry of a view that is known (direct/odometry.h), from any thread; it goes on there with the next
+  // frame it maps. Does not wait.
+  absl::Status GoOnFrom(direct::KnownView view);
+
   // Maps what waits, ends the thread, and ends the odometry. Only reading calls after it.
   absl::Status Finish();
 
@@ -52,6 +57,8 @@ class OdometryRunner {
   const std::string& waiting_for() const { return waiting_for_; }
   // Time of each call of AddFrame(), waiting included, `after_mapping` not.
   const std::vector<float>& frame_ms() const { return frame_ms_; }
+  // When each of these calls began.
+  const std::vector<std::chrono::steady_clock::time_point>& frame_begins() const { return frame_begins_; }
 
  private:
   OdometryRunner(const OdometryRunnerOptions& options, std::unique_ptr<direct::Odometry> odometry,
@@ -64,6 +71,7 @@ class OdometryRunner {
   const AfterMapping after_mapping_;
   std::string waiting_for_;
   std::vector<float> frame_ms_;
+  std::vector<std::chrono::steady_clock::time_point> frame_begins_;
 
   std::mutex mutex_;  // guards what follows
   std::condition_variable work_;

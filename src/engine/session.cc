@@ -1,17 +1,33 @@
 #include "engine/session.h"
 
+#include <algorithm>
+#include <atomic>
 #include <mutex>
 #include <thread>
 #include <unordered_map>
 #include <utility>
+#include <variant>
 
 #include "base/bounded_queue.h"
 #include "engine/loop_runner.h"
 #include "engine/odometry_runner.h"
-#include "mapping/direct_trajectory.h"
 #include "mapping/packet_queue.h"
 
 namespace cairn::engine {
+namespace {
+
+// Searches for a lost camera come this share of the time since the loss apart.
+constexpr double kSeekEvery = 0.1;
+
+std::vector<float> LengthsMs(const std::vector<LoopRunner::Span>& spans) {
+  std::vector<float> ms;
+  for (const LoopRunner::Span& span : spans) {
+    ms.push_back(std::chrono::duration<float, std::milli>(span.end - span.begin).count());
+  }
+  return ms;
+}
+
+}  // namespace
 
 absl::Status SessionOptions::Validate() const {
   CAIRN_RETURN_IF_ERROR(odometry.Validate());
@@ -20,6 +36,7 @@ absl::Status SessionOptions::Validate() const {
   CAIRN_RETURN_IF_ERROR(collinearity.Validate());
   if (threads < 1) return absl::InvalidArgumentError("threads must be at least 1");
   if (packet_queue_limit < 1) return absl::InvalidArgumentError("packet_queue_limit must be at least 1");
+  if (seek_after_frames < 0) return absl::InvalidArgumentError("seek_after_frames must not be negative");
   if (mapping_backlog < 1) return absl::InvalidArgumentError("mapping_backlog must be at least 1");
   return absl::OkStatus();
 }
@@ -36,15 +53,17 @@ class Session::Impl {
 
   ~Impl() {
     SetMappingStatus(absl::CancelledError("the session was abandoned"));  // what is queued is not mapped any more
-    backlog_.Close();
+    StopThread();                                                         // first: it may have a word for the odometry
     runner_.reset();
-    StopThread();
   }
 
   absl::Status Start(const SessionSource& source, const place::Vocabulary* vocabulary) {
     CAIRN_ASSIGN_OR_RETURN(session_, BeginSession(source, preparation_.pinhole(), !options_.deterministic, writer_));
     if (options_.UsedThreads() > 1) writer_->StoreInBackground();
-    const auto commit = [this](map::Delta delta) { return writer_->Commit(std::move(delta)); };
+    const auto commit = [this](map::Delta delta) {
+      if (options_.on_change) options_.on_change(delta);
+      return writer_->Commit(std::move(delta));
+    };
     CAIRN_ASSIGN_OR_RETURN(mapper_, mapping::FeatureMapper::Create(options_.mapping, writer_->Current(), session_.id,
                                                                    session_.camera, vocabulary, commit));
     if (options_.close_loops) {
@@ -63,12 +82,20 @@ class Session::Impl {
     CAIRN_RETURN_IF_ERROR(MappingStatus());
     CAIRN_ASSIGN_OR_RETURN(direct::FrameResult result, runner_->AddFrame(frame));
     last_time_ns_ = frame.time_ns;
+    if (result.keyframe >= 0) {
+      untracked_ = 0;
+    } else {
+      CAIRN_RETURN_IF_ERROR(SeekIfLost(frame));
+    }
     return result;
   }
 
   const FramePreparation& preparation() const { return preparation_; }
 
   std::int64_t KeyframesInMap() const { return static_cast<std::int64_t>(writer_->Current()->keyframes().size()); }
+
+  std::vector<FramePose> FramePoses() const { return live_.All(runner_->odometry()).frames; }
+  std::optional<SE3> PoseInMap(const direct::FrameResult& frame) const { return live_.Of(frame); }
 
   absl::StatusOr<SessionReport> Finish() {
     CAIRN_RETURN_IF_ERROR(runner_->Finish());
@@ -86,6 +113,7 @@ class Session::Impl {
     CAIRN_RETURN_IF_ERROR(mapper_->Finish());
     const mapping::TrajectoryChoice choice = collinearity_.Choose(loops_ && !loops_->loops().empty());
     trajectory_ = {choice.refined, choice.keyframes, choice.collinear, choice.reason};
+    live_.Publish(mapper_->map(), mapper_->trajectory(), trajectory_.refined);
     CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, trajectory_, writer_));
     CAIRN_RETURN_IF_ERROR(writer_->Flush());
     return Report();
@@ -114,7 +142,7 @@ class Session::Impl {
   absl::Status PassOn() {
     while (std::optional<direct::KeyframePacket> packet = packets_.Pop()) {
       if (!thread_.joinable()) {
-        CAIRN_RETURN_IF_ERROR(MapPacket(*packet));
+        CAIRN_RETURN_IF_ERROR(Map(*packet));
       } else if (!backlog_.Push(std::move(*packet))) {
         return absl::CancelledError("the session is ending");
       }
@@ -122,8 +150,29 @@ class Session::Impl {
     return absl::OkStatus();
   }
 
+  // A frame without a pose: once in a while the feature module is asked where it is. Never waits for it.
+  absl::Status SeekIfLost(const direct::Frame& frame) {
+    if (untracked_++ == 0) lost_since_ns_ = next_seek_ns_ = frame.time_ns;
+    if (options_.seek_after_frames == 0 || untracked_ < options_.seek_after_frames) return absl::OkStatus();
+    if (frame.time_ns < next_seek_ns_ || KeyframesInMap() == 0 || seeking_.exchange(true)) return absl::OkStatus();
+    next_seek_ns_ = frame.time_ns + FromSeconds(kSeekEvery * ToSeconds(frame.time_ns - lost_since_ns_));
+    if (!thread_.joinable()) return Map(frame);
+    if (!backlog_.TryPush(frame)) seeking_ = false;
+    return absl::OkStatus();
+  }
+
+  // What the feature module has to say of a lost frame goes to the odometry as a message.
+  absl::Status Map(const direct::Frame& lost) {
+    const auto view = mapper_->Locate(lost);
+    seeking_ = false;
+    CAIRN_RETURN_IF_ERROR(view.status());
+    if (!*view) return absl::OkStatus();
+    runner_->GoOnFrom(**view).IgnoreError();  // too few points, or the stream has ended: as good as not found
+    return absl::OkStatus();
+  }
+
   // A keyframe, and the frames kept between it and the next.
-  absl::Status MapPacket(const direct::KeyframePacket& packet) {
+  absl::Status Map(const direct::KeyframePacket& packet) {
     CAIRN_ASSIGN_OR_RETURN(const mapping::KeyframeReport report, mapper_->Process(packet));
     keyframe_ms_.push_back(static_cast<float>(report.times.total_ms));
     keyframe_reports_.push_back(report);
@@ -131,14 +180,17 @@ class Session::Impl {
     if (lost && !feature_lost_) ++feature_losses_;
     feature_lost_ = lost;
     if (report.inserted) collinearity_.Update(*mapper_->map(), report.keyframe);
-    return loops_ ? loops_->AfterPacket(report, mapper_.get()) : absl::OkStatus();
+    if (loops_) CAIRN_RETURN_IF_ERROR(loops_->AfterPacket(report, mapper_.get()));
+    const bool refined = collinearity_.Choose(loops_ && !loops_->loops().empty()).refined;
+    live_.Publish(mapper_->map(), mapper_->trajectory(), refined);
+    return absl::OkStatus();
   }
 
   // The feature module's thread. After an error it drains the queue, so that the odometry is never stuck.
   void MapPackets() {
-    while (std::optional<direct::KeyframePacket> packet = backlog_.Pop()) {
+    while (std::optional<MappingJob> job = backlog_.Pop()) {
       if (!MappingStatus().ok()) continue;
-      SetMappingStatus(MapPacket(*packet));
+      SetMappingStatus(std::visit([this](const auto& what) { return Map(what); }, *job));
     }
   }
 
@@ -171,13 +223,10 @@ class Session::Impl {
     SessionReport report;
     report.odometry = runner_->odometry().Statistics();
     report.trajectory = trajectory_;
-    report.keyframe_poses = mapper_->Trajectory(*map);
-    if (!trajectory_.refined) report.keyframe_poses = mapping::DirectTrajectory(report.keyframe_poses);
-    for (const direct::FrameResult& frame : runner_->odometry().FrameResults()) {
-      const std::optional<SE3> pose = mapping::FramePose(report.keyframe_poses, frame);
-      report.frame_poses.push_back({frame.index, frame.time_ns, frame.state, pose});
-      if (pose) ++report.frames_tracked;
-    }
+    PosesInMap poses = live_.All(runner_->odometry());
+    report.keyframe_poses = std::move(poses.keyframes);
+    report.frame_poses = std::move(poses.frames);
+    for (const FramePose& frame : report.frame_poses) report.frames_tracked += frame.map_from_camera ? 1 : 0;
     report.frames = static_cast<std::int64_t>(report.frame_poses.size());
     report.direct_keyframes = static_cast<std::int64_t>(report.keyframe_poses.size());
     report.keyframes = static_cast<std::int64_t>(map->keyframes().size());
@@ -187,12 +236,33 @@ class Session::Impl {
       report.loops = loops_->loops();
       report.loops_rejected = loops_->rejected();
       report.loop_search_ms = loops_->search_ms();
+      report.correction_ms = LengthsMs(loops_->corrections());
+      report.adjustment_ms = LengthsMs(loops_->adjustments());
+      report.frame_ms_correcting = FramesWhileCorrecting();
     }
     report.frame_ms = runner_->frame_ms();
     report.keyframe_ms = keyframe_ms_;
     report.keyframe_reports = keyframe_reports_;
     return report;
   }
+
+  std::vector<float> FramesWhileCorrecting() const {
+    std::vector<float> during;
+    const auto& begins = runner_->frame_begins();
+    for (std::size_t i = 0; i < begins.size(); ++i) {
+      const std::chrono::duration<double, std::milli> lasted(runner_->frame_ms()[i]);
+      const auto overlaps = [&](const LoopRunner::Span& span) {
+        return begins[i] < span.end && begins[i] + lasted > span.begin;
+      };
+      if (std::any_of(loops_->corrections().begin(), loops_->corrections().end(), overlaps) ||
+          std::any_of(loops_->adjustments().begin(), loops_->adjustments().end(), overlaps)) {
+        during.push_back(runner_->frame_ms()[i]);
+      }
+    }
+    return during;
+  }
+
+  using MappingJob = std::variant<direct::KeyframePacket, direct::Frame>;  // map this, or look for this lost one
 
   const SessionOptions options_;
   const FramePreparation preparation_;
@@ -201,6 +271,11 @@ class Session::Impl {
   std::unique_ptr<OdometryRunner> runner_;
   mapping::PacketQueue packets_;  // of the thread that maps for the odometry
   TimeNs last_time_ns_ = 0;
+  int untracked_ = 0;  // frames since the last with a pose
+  TimeNs lost_since_ns_ = 0;
+  TimeNs next_seek_ns_ = 0;
+  std::atomic<bool> seeking_ = false;  // a lost frame is with the feature module
+  LivePoses live_;
 
   // Used by the feature module's thread while it runs.
   std::unique_ptr<mapping::FeatureMapper> mapper_;
@@ -212,7 +287,7 @@ class Session::Impl {
   std::int64_t feature_losses_ = 0;
   bool feature_lost_ = false;
 
-  BoundedQueue<direct::KeyframePacket> backlog_;
+  BoundedQueue<MappingJob> backlog_;
   std::mutex status_mutex_;
   absl::Status mapping_status_;
   std::thread thread_;
@@ -237,6 +312,8 @@ absl::StatusOr<direct::FrameResult> Session::AddFrame(const RawFrame& raw) {
 absl::StatusOr<direct::FrameResult> Session::AddFrame(const direct::Frame& frame) { return impl_->AddFrame(frame); }
 const FramePreparation& Session::preparation() const { return impl_->preparation(); }
 std::int64_t Session::KeyframesInMap() const { return impl_->KeyframesInMap(); }
+std::vector<FramePose> Session::FramePoses() const { return impl_->FramePoses(); }
+std::optional<SE3> Session::PoseInMap(const direct::FrameResult& frame) const { return impl_->PoseInMap(frame); }
 absl::StatusOr<SessionReport> Session::Finish() { return impl_->Finish(); }
 
 }  // namespace cairn::engine

@@ -6,6 +6,7 @@
 // same output, to the bit.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -16,6 +17,7 @@
 #include "base/time.h"
 #include "direct/odometry.h"
 #include "engine/frame_preparation.h"
+#include "engine/live_poses.h"
 #include "engine/map_writer.h"
 #include "engine/session_record.h"
 #include "mapping/collinearity.h"
@@ -37,17 +39,14 @@ struct SessionOptions {
   mapping::CollinearityOptions collinearity;
   int packet_queue_limit = 5;  // keyframes waiting for an older one (paper Sec. V)
   int mapping_backlog = 8;     // packets waiting for the feature module; the odometry then waits for it
+  // So many frames without a pose, and the feature module is asked where the camera is in the map (0: never). It looks
+  // at one image at a time, the longer the search the more rarely, and only in a map with a vocabulary.
+  int seek_after_frames = 2;
+  // Hears of every change of the map before it is made, in the feature module's thread; may be empty.
+  std::function<void(const map::Delta&)> on_change;
 
   int UsedThreads() const { return deterministic ? 1 : threads; }
   absl::Status Validate() const;
-};
-
-// The pose of one frame at the end of the session. Frames without a pose were not tracked.
-struct FramePose {
-  std::int64_t index = 0;
-  TimeNs time_ns = 0;
-  direct::TrackingState state = direct::TrackingState::kInitializing;
-  std::optional<SE3> map_from_camera;
 };
 
 struct SessionReport {
@@ -60,7 +59,10 @@ struct SessionReport {
   std::vector<mapping::LoopReport> loops;     // closed, in order
   std::map<std::string, int> loops_rejected;  // searches that ended with a candidate that is no loop, by the reason
   std::vector<float> loop_search_ms;          // per keyframe inserted
+  std::vector<float> correction_ms;           // per loop: pose graph and commit
+  std::vector<float> adjustment_ms;           // per loop: the bundle adjustment of the map beside the mapping
   std::vector<float> frame_ms;                // per call of AddFrame
+  std::vector<float> frame_ms_correcting;     // of these the ones while a loop was corrected or the map adjusted
   std::vector<float> keyframe_ms;             // per packet through the feature module
   std::vector<mapping::KeyframeReport> keyframe_reports;  // what became of each of them
   direct::OdometryStatistics odometry;
@@ -87,6 +89,12 @@ class Session {
 
   // Keyframes that the map holds by now.
   std::int64_t KeyframesInMap() const;
+
+  // The poses of all frames so far in the map as it is now, after every loop and adjustment until now; at the end those
+  // of the report. From any thread at any time; nobody who tracks or maps waits for it longer than a copy takes.
+  std::vector<FramePose> FramePoses() const;
+  // Of one answer of AddFrame(), in the map as it is now. None while nothing links it to the map.
+  std::optional<SE3> PoseInMap(const direct::FrameResult& frame) const;
 
   // Ends the stream, waits for the feature module, closes the session in the map. FailedPrecondition, saying what the
   // odometry waited for, if there never was a map.

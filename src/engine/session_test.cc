@@ -3,7 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <chrono>
 #include <filesystem>
+#include <future>
+#include <thread>
 
 #include "engine/testing_sway.h"
 #include "store/test_maps.h"
@@ -109,6 +113,76 @@ TEST(Session, MayBeAbandonedAtAnyTime) {
     ASSERT_TRUE(session.ok()) << session.status();
     for (const RawFrame& frame : testing::Sway(30)) ASSERT_TRUE((*session)->AddFrame(frame).ok());
   }
+}
+
+TEST(Session, LivePosesMayBeAskedForByAnotherThreadAtAnyTime) {
+  const TempFolder folder;
+  for (const int threads : {0, 3}) {
+    const auto writer = MakeWriter(folder.File(std::to_string(threads)));
+    auto session = Session::Create(Threads(threads), testing::SwaySource(), nullptr, writer.get());
+    ASSERT_TRUE(session.ok()) << session.status();
+    std::atomic<bool> ended = false;
+    int answers = 0;
+    std::size_t frames = 0;
+    bool shrunk = false, finite = true;
+    std::thread asker([&] {
+      while (!ended) {
+        const std::vector<FramePose> poses = (*session)->FramePoses();
+        shrunk |= poses.size() < frames;
+        frames = poses.size();
+        for (const FramePose& frame : poses) {
+          finite &= !frame.map_from_camera || frame.map_from_camera->Matrix().allFinite();
+        }
+        ++answers;
+      }
+    });
+    for (const RawFrame& frame : testing::Sway(40)) EXPECT_TRUE((*session)->AddFrame(frame).ok());
+    const auto report = (*session)->Finish();
+    ended = true;
+    asker.join();
+    ASSERT_TRUE(report.ok()) << report.status();
+    EXPECT_GT(answers, 0);
+    EXPECT_FALSE(shrunk);
+    EXPECT_TRUE(finite);
+    const std::vector<FramePose> last = (*session)->FramePoses();
+    ASSERT_EQ(last.size(), report->frame_poses.size());
+    for (std::size_t i = 0; i < last.size(); ++i) {
+      ASSERT_EQ(last[i].map_from_camera.has_value(), report->frame_poses[i].map_from_camera.has_value()) << i;
+      if (!last[i].map_from_camera) continue;
+      EXPECT_EQ(last[i].map_from_camera->Matrix(), report->frame_poses[i].map_from_camera->Matrix()) << i;
+    }
+  }
+}
+
+// Changes of the map, a loop's correction among them, are made by the feature module's thread through one function. It
+// is held up here in the middle of the first one until every frame has been tracked: whatever it holds, tracking, the
+// odometry's mapping and live poses need none of it.
+TEST(Session, NobodyWaitsForAChangeOfTheMapInTheMaking) {
+  const TempFolder folder;
+  const auto writer = MakeWriter(folder.File("held.cairn"));
+  std::promise<void> tracked;
+  const std::shared_future<void> all_tracked = tracked.get_future().share();
+  std::atomic<int> held = 0, in_vain = 0;
+  SessionOptions options = Threads(3);
+  options.on_change = [&](const map::Delta&) {
+    ++held;
+    if (all_tracked.wait_for(std::chrono::seconds(60)) != std::future_status::ready) ++in_vain;
+  };
+  auto session = Session::Create(options, testing::SwaySource(), nullptr, writer.get());
+  ASSERT_TRUE(session.ok()) << session.status();
+  for (const RawFrame& frame : testing::Sway(40)) {
+    const auto result = (*session)->AddFrame(frame);
+    ASSERT_TRUE(result.ok());
+    (*session)->PoseInMap(*result);
+    (*session)->FramePoses();
+  }
+  EXPECT_EQ(in_vain, 0);
+  tracked.set_value();
+  const auto report = (*session)->Finish();
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_GE(held, 2);
+  EXPECT_EQ(in_vain, 0);
+  EXPECT_EQ(report->frames_tracked, 40);
 }
 
 TEST(Session, BadOptionsAreRefused) {

@@ -140,16 +140,18 @@ absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path, bool may_be_e
   return ReadTumTrajectory(path);
 }
 
+std::string FormatTumLine(const StampedPose& pose) {
+  const Vector3d& t = pose.world_from_camera.translation();
+  const Quaterniond& q = pose.world_from_camera.rotation();
+  return absl::StrFormat("%s %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n", FormatSeconds(pose.time_ns), t.x(), t.y(), t.z(),
+                         q.x(), q.y(), q.z(), q.w());
+}
+
 std::string FormatTumTrajectory(const std::vector<StampedPose>& poses, const std::string& comment) {
   std::string text;
   if (!comment.empty()) absl::StrAppend(&text, "# ", comment, "\n");
   absl::StrAppend(&text, "# timestamp_s tx ty tz qx qy qz qw\n");
-  for (const StampedPose& pose : poses) {
-    const Vector3d& t = pose.world_from_camera.translation();
-    const Quaterniond& q = pose.world_from_camera.rotation();
-    absl::StrAppendFormat(&text, "%s %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n", FormatSeconds(pose.time_ns), t.x(), t.y(),
-                          t.z(), q.x(), q.y(), q.z(), q.w());
-  }
+  for (const StampedPose& pose : poses) text += FormatTumLine(pose);
   return text;
 }
 

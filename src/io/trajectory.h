@@ -50,6 +50,9 @@ struct TrajectoryWriteOptions {
 absl::Status WriteTumTrajectory(const std::string& path, const std::vector<StampedPose>& poses,
                                 const TrajectoryWriteOptions& options = {});
 
+// One line of it, with its end.
+std::string FormatTumLine(const StampedPose& pose);
+
 // The same text, without a file.
 std::string FormatTumTrajectory(const std::vector<StampedPose>& poses, const std::string& comment = "");
 

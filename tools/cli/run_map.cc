@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 
 #include "base/version.h"
 #include "cli/pictures.h"
@@ -68,6 +69,24 @@ nlohmann::ordered_json KeyframeStates(const std::vector<mapping::KeyframeReport>
   return states;
 }
 
+// "41 good, 3 poor, 11 lost", in this order, and what ended the losses.
+std::string StateSummary(const std::vector<mapping::KeyframeReport>& reports) {
+  using mapping::FeatureState;
+  constexpr FeatureState kStates[] = {FeatureState::kInitializing, FeatureState::kGood, FeatureState::kPoor,
+                                      FeatureState::kLost};
+  std::string summary;
+  for (const FeatureState state : kStates) {
+    const auto count = std::count_if(reports.begin(), reports.end(), [&](const auto& r) { return r.state == state; });
+    if (count == 0) continue;
+    absl::StrAppend(&summary, summary.empty() ? "" : ", ", count, " ", mapping::FeatureStateName(state));
+  }
+  const auto restarts = std::count_if(reports.begin(), reports.end(), [](const auto& r) { return r.restarted; });
+  const auto relocated = std::count_if(reports.begin(), reports.end(), [](const auto& r) { return r.relocated; });
+  if (relocated > 0) absl::StrAppend(&summary, "; found again in the map ", relocated, " times");
+  if (restarts > 0) absl::StrAppend(&summary, "; started again from the odometry's depths ", restarts, " times");
+  return summary;
+}
+
 void PrintReport(const RunOptions& options, const engine::SessionReport& report, const map::Session& session,
                  const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt) {
   if (options.json) {
@@ -77,11 +96,15 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
                  {"keyframes", report.keyframes},
                  {"points", report.points},
                  {"segments", report.odometry.segments},
+                 {"recoveries", report.odometry.recoveries},
                  {"feature_losses", report.feature_losses},
                  {"loops", LoopsAsJson(session)},
                  {"loops_rejected", report.loops_rejected},
                  {"trajectory", TrajectoryAsJson(session)},
                  {"frame_ms", SampleStatistics(report.frame_ms)},
+                 {"frame_ms_correcting", SampleStatistics(report.frame_ms_correcting)},
+                 {"loop_correction_ms", SampleStatistics(report.correction_ms)},
+                 {"loop_adjustment_ms", SampleStatistics(report.adjustment_ms)},
                  {"track_ms", SampleStatistics(report.odometry.track.samples_ms)},
                  {"keyframe_ms", SampleStatistics(report.keyframe_ms)},
                  {"keyframe_cpu_ms", StageStatistics(report.keyframe_reports)},
@@ -96,6 +119,11 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
               Percentile(report.frame_ms, 0.5), Mean(report.frame_ms), Percentile(report.keyframe_ms, 0.5));
   PrintLoopsAndTrajectory(session, "  ");
+  std::printf("  keyframes of the odometry in the feature module: %s\n", StateSummary(report.keyframe_reports).c_str());
+  if (report.odometry.recoveries > 0) {
+    std::printf("  the odometry was lost and found in the map %lld times\n",
+                static_cast<long long>(report.odometry.recoveries));
+  }
   if (report.feature_losses > 0) {
     std::printf("  the feature map was lost %lld times; the odometry bridged it\n",
                 static_cast<long long>(report.feature_losses));
@@ -105,12 +133,12 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
 }  // namespace
 
 absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
-  for (const std::string* output : {&options.trajectory, &options.keyframes, &options.picture}) {
+  for (const std::string* output : {&options.trajectory, &options.live_poses, &options.keyframes, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.map, options.overwrite));
   CAIRN_RETURN_IF_ERROR(
-      CheckDistinct({options.map, options.trajectory, options.keyframes, options.picture},
+      CheckDistinct({options.map, options.trajectory, options.live_poses, options.keyframes, options.picture},
                     {options.input.sequence, options.input.open.camera_path, options.poses, options.vocabulary}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
@@ -169,8 +197,15 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
       const std::unique_ptr<engine::Session> session,
       engine::Session::Create(session_options, run.session_source, &run.vocabulary, run.writer.get()));
   engine::SessionReport report;
+  std::ofstream live;
+  if (!options.live_poses.empty()) live.open(options.live_poses);
   const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
+    if (live.is_open()) {
+      const std::optional<SE3> pose = session->PoseInMap(result);
+      if (pose) live << io::FormatTumLine({result.time_ns, *pose}) << std::flush;
+      if (!live) return absl::DataLossError(absl::StrCat(options.live_poses, ": cannot be written"));
+    }
     const bool waits = result.state == direct::TrackingState::kInitializing;
     return waits ? result.message : absl::StrCat(session->KeyframesInMap(), " keyframes");
   };

@@ -24,6 +24,7 @@ struct RunOptions {
   std::string map;
   std::string name;
   std::string trajectory;
+  std::string live_poses;
   std::string keyframes;
   std::string poses;
   std::string vocabulary;

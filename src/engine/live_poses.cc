@@ -1,0 +1,81 @@
+#include "engine/live_poses.h"
+
+#include <utility>
+
+#include "mapping/direct_trajectory.h"
+
+namespace cairn::engine {
+namespace {
+
+// The feature module's keyframes with the odometry's newest poses of them, and those between and after that it has not
+// had.
+mapping::KeyframeTrajectory Completed(const mapping::KeyframeTrajectory& known,
+                                      const std::vector<direct::KeyframePose>& keyframes) {
+  mapping::KeyframeTrajectory completed;
+  auto next = known.entries().begin();
+  for (const direct::KeyframePose& keyframe : keyframes) {
+    mapping::KeyframeTrajectory::Entry entry;
+    if (next != known.entries().end() && next->direct_keyframe == keyframe.keyframe) {
+      entry = *next++;
+    } else {
+      entry.direct_keyframe = keyframe.keyframe;
+      entry.segment = keyframe.segment;
+      entry.frame_index = keyframe.frame_index;
+      entry.time_ns = keyframe.time_ns;
+    }
+    entry.direct_from_camera = keyframe.direct_from_camera;
+    completed.Add(std::move(entry));
+  }
+  return completed;
+}
+
+}  // namespace
+
+void LivePoses::Publish(std::shared_ptr<const map::Snapshot> map, const mapping::KeyframeTrajectory& trajectory,
+                        bool refined) {
+  auto state = std::make_shared<State>();
+  state->map = std::move(map);
+  state->trajectory = trajectory;
+  state->refined = refined;
+  const auto& entries = state->trajectory.entries();
+  for (auto entry = entries.rbegin(); entry != entries.rend() && state->segment < 0; ++entry) {
+    const map::Keyframe* reference = entry->reference ? state->map->keyframes().Find(entry->reference) : nullptr;
+    if (reference == nullptr || !(entry->map_per_direct > 0.0)) continue;
+    state->segment = entry->segment;
+    state->map_from_camera = reference->camera_from_map.Inverse() * entry->reference_from_camera;
+    state->direct_from_camera = entry->direct_from_camera;
+    state->map_per_direct = entry->map_per_direct;
+  }
+  std::lock_guard lock(mutex_);
+  state_ = std::move(state);
+}
+
+std::shared_ptr<const LivePoses::State> LivePoses::Current() const {
+  std::lock_guard lock(mutex_);
+  return state_;
+}
+
+PosesInMap LivePoses::All(const direct::Odometry& odometry) const {
+  // The state first: the odometry's history then has all its keyframes.
+  const std::shared_ptr<const State> state = Current();
+  const direct::PoseHistory history = odometry.Poses();
+  PosesInMap poses;
+  if (state) {
+    poses.keyframes = Completed(state->trajectory, history.keyframes).Resolve(*state->map);
+    if (!state->refined) poses.keyframes = mapping::DirectTrajectory(poses.keyframes);
+  }
+  poses.frames.reserve(history.frames.size());
+  for (const direct::FrameResult& frame : history.frames) {
+    poses.frames.push_back({frame.index, frame.time_ns, frame.state, mapping::FramePose(poses.keyframes, frame)});
+  }
+  return poses;
+}
+
+std::optional<SE3> LivePoses::Of(const direct::FrameResult& frame) const {
+  const std::shared_ptr<const State> state = Current();
+  if (!state || frame.keyframe < 0 || frame.segment != state->segment) return std::nullopt;
+  const SE3 motion = state->direct_from_camera.Inverse() * frame.direct_from_camera;
+  return state->map_from_camera * SE3(motion.rotation(), state->map_per_direct * motion.translation());
+}
+
+}  // namespace cairn::engine
