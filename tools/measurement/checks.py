@@ -73,6 +73,14 @@ SPOILED_CHECKS = [check for kind, what in (
         *([('  black images that were given a pose, before the loss is seen', '', '<=', 3, '',
             lambda w, kind=kind: w.damaged(kind)['answered'])] if kind == 'black' else []))]
 
+SPOILED_CHECKS += [
+    ('redkitchen, 2 s black and then in another mapped place, live camera: images until one has a pose in the map, worst',
+     '', '<=', 10, '', lambda w: w.carried_away()['until']),
+    ('  images after the black ones that have a pose at the end, worst', '%', '>=', 95, '',
+     lambda w: 100 * w.carried_away()['posed']),
+    ('  ATE over all, worst', 'm', '<=', 0.03, '', lambda w: w.carried_away()['ate']),
+]
+
 # The same for rendered worlds, over --seeds.
 WORLD_CHECKS = [
     *[check for kind, name in (('office', 'rendered rooms'), ('plain', 'rendered rooms with 30 % blank walls'),
@@ -93,6 +101,16 @@ WORLD_CHECKS = [
      lambda w: w.laps()['keyframes']),
     ('  points against the first lap', 'x', '<=', 1.5, '', lambda w: w.laps()['points']),
     ('  ATE against the first lap', 'x', '<=', 1.2, '', lambda w: w.laps()['ate']),
+    ('corridor with 8 s without corners, worst seed: ATE as a share of the path', '%', '<=', 1, '',
+     lambda w: 100 * w.soft()['share']),
+    ('  against the same corridor with corners everywhere, median', 'x', '<=', None, '', lambda w: w.soft()['ratio']),
+    ('  time for which the feature module was lost, shortest', 's', '>=', 5, '', lambda w: w.soft()['lost_s']),
+    ('  frames tracked, worst seed', '%', '>=', 99, '', lambda w: 100 * w.soft()['tracked']),
+    ('  restarted afterwards, and linked to the map before', '% seeds', '>=', 100, '', lambda w: 100 * w.soft()['linked']),
+    ('rendered corridor as a live camera: longest frame call while a loop is corrected', 'ms', '<=', None, '',
+     lambda w: w.loop_live()['correcting_max']),
+    ('  99th percentile of these', 'ms', '<=', None, '', lambda w: w.loop_live()['correcting_p99']),
+    ('  of all calls', 'ms', '<=', None, '', lambda w: w.loop_live()['p99']),
     ('corridor of 60 m, worst seed: ATE after against before loop closing', '', '<=', 0.2, '',
      lambda w: w.loops('corridor')['ratio']),
     ('  median seed', '', '<=', None, '', lambda w: w.loops('corridor')['median_ratio']),

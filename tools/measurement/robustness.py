@@ -88,7 +88,65 @@ def spoil(kind, at_s, folder, until_s):
     return times
 
 
+# A camera that sees nothing for two seconds and is then somewhere else, where it has been before.
+BEFORE_S, BLACK_S, AFTER_S = 15.0, 2.0, 6.0
+RETURNS_S = (1.0, 4.0, 7.0)  # what it sees then, one run each
+
+
+def carried_away(to_s, folder):
+    """redkitchen's first seconds, black images, and its images from `to_s` on, in one time; the same of the truth. The
+    time from which on it sees again."""
+    source = DATA / 'redkitchen'
+    (folder / 'rgb').mkdir(parents=True)
+    back_s = BEFORE_S + BLACK_S
+    pictures = [line.split() for line in open(source / 'rgb.txt') if line.strip() and not line.startswith('#')]
+    truth = [line.split() for line in open(source / 'reference_sfm.txt') if line.strip() and not line.startswith('#')]
+
+    def cut(rows):
+        for time, *rest in rows:
+            if float(time) < BEFORE_S:
+                yield float(time), rest
+        for time, *rest in rows:
+            if to_s <= float(time) < to_s + AFTER_S:
+                yield float(time) - to_s + back_s, rest
+
+    dark = folder / 'rgb' / 'dark.png'
+    Image.fromarray(np.zeros_like(np.array(Image.open(source / pictures[0][1])))).save(dark)
+    lines = []
+    for time, (name,) in cut(pictures):
+        if time >= back_s and not lines[-1].endswith('dark.png') and float(lines[-1].split()[0]) < BEFORE_S:
+            lines += [f'{t:.6f} rgb/dark.png' for t in np.arange(BEFORE_S, back_s - 0.02, 1 / 30)]
+        target = folder / 'rgb' / f'{time:.6f}.jpg'
+        target.symlink_to((source / name).resolve())
+        lines.append(f'{time:.6f} rgb/{target.name}')
+    (folder / 'rgb.txt').write_text('\n'.join(lines) + '\n')
+    (folder / 'truth.txt').write_text('\n'.join(' '.join([f'{time:.6f}', *rest]) for time, rest in cut(truth)) + '\n')
+    return back_s
+
+
 class Robustness:
+    def carried_away(self):
+        """As a live camera: images after the black ones until one has a pose in the map, and all poses at the end."""
+        def run(to_s):
+            name = f'carried_to_{to_s:g}'
+            folder, frames, live = self.path(name), self.path(f'{name}.txt'), self.path(f'{name}_live.txt')
+            back_s = carried_away(to_s, folder)
+            report = cairn('run', folder, '--camera', DATA / 'redkitchen' / 'camera.yaml', '--realtime', '--map',
+                           self.path(f'{name}.cairn'), '--trajectory', frames, '--live-poses', live, '--overwrite')
+            ate = cairn('eval', 'ate', frames, folder / 'truth.txt', '--max-dt', 0.005)
+            seen = [t for t in (float(line.split()[0]) for line in open(folder / 'rgb.txt')) if t >= back_s - 0.01]
+            poses = [t for t in read_positions(live)[:, 0] if t >= back_s - 0.01]
+            posed = [t for t in read_positions(frames)[:, 0] if t >= back_s - 0.01]
+            return {'until': sum(t < poses[0] - 1e-4 for t in seen) if poses else len(seen), 'ate': ate['ate_m'],
+                    'posed': len(posed) / len(seen), 'recoveries': report['recoveries'], 'segments': report['segments']}
+
+        def one():
+            results = [run(to_s) for to_s in RETURNS_S]
+            print(f'        carried away: {results}', flush=True)
+            return {'until': max(r['until'] for r in results), 'ate': max(r['ate'] for r in results),
+                    'posed': min(r['posed'] for r in results)}
+        return self.once('carried away', one)
+
     def damaged(self, kind, until_s=15.0):
         """The odometry alone: error against that of the same images unspoiled, and how many spoiled images have a pose."""
         def run(kind, at_s):

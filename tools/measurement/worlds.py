@@ -1,11 +1,13 @@
 """Rendered worlds with exact ground truth, over --seeds: odometry, photometric calibration, loops, growth."""
+import contextlib
+import sqlite3
 import statistics
 
 import numpy as np
 
 from .sequences import loop_times
 from .trajectories import distance_between, read_positions, scale_drift
-from .work import cairn
+from .work import cairn, median_of_runs
 
 
 # What `cairn synth` is asked for, by the name of the folder.
@@ -16,11 +18,19 @@ KINDS = {
     'aliasing': ['aliasing'],
     'photometric': ['office', '--format', 'tum_mono', '--effects', 'response', 'vignette', 'exposure', 'noise'],
     'laps': ['office', '--laps', '10'],
+    'soft': ['soft', '--duration', '28'],  # its second side has next to no corners
+    'rich': ['corridor', '--size', '14', '13', '--duration', '28'],  # the same with corners everywhere
 }
 
 
 def path_length(truth):
     return float(np.linalg.norm(np.diff(read_positions(truth)[:, 1:], axis=0), axis=1).sum())
+
+
+def roots(map_file):
+    """Keyframes that hang on no other."""
+    with contextlib.closing(sqlite3.connect(f'file:{map_file}?mode=ro', uri=True)) as database:
+        return database.execute('SELECT COUNT(*) FROM keyframes WHERE parent IS NULL').fetchone()[0]
 
 
 class Worlds:
@@ -70,6 +80,46 @@ class Worlds:
             print(f'        first lap: {first}, ten: {tenth}', flush=True)
             return {key: tenth[key] / first[key] for key in first}
         return self.once('laps', one)
+
+    def soft(self):
+        """Corridors with a side without corners, and without: what the feature module says of itself, and what becomes
+        of the map."""
+        def one(seed):
+            result = {}
+            for kind in ('soft', 'rich'):
+                folder, frames, file = self.world(kind, seed), self.path(f'{kind}_{seed}.txt'), self.path(f'{kind}_{seed}.cairn')
+                report = cairn('run', folder, *self.mode, '--map', file, '--trajectory', frames, '--overwrite')
+                result[kind] = cairn('eval', 'ate', frames, self.truth(folder))['ate_m']
+                if kind == 'rich':
+                    continue
+                states = report['keyframe_states']
+                lost = [k['t'] for k in states if k['state'] == 'lost']
+                restarts = [k['t'] for k in states if k['restarted']]
+                result.update(tracked=report['tracked_share'], lost_s=max(lost) - min(lost) if lost else 0.0,
+                              share=result['soft'] / path_length(self.truth(folder)),
+                              linked=bool(restarts) and states[-1]['state'] == 'good' and roots(file) == 1)
+            result['ratio'] = result['soft'] / result['rich']
+            print(f'        soft {seed}: {result}', flush=True)
+            return result
+
+        def all_seeds():
+            results = [one(seed) for seed in range(1, self.seeds + 1)]
+            return {'share': max(r['share'] for r in results), 'tracked': min(r['tracked'] for r in results),
+                    'lost_s': min(r['lost_s'] for r in results), 'linked': statistics.mean(r['linked'] for r in results),
+                    'ratio': statistics.median(r['ratio'] for r in results)}
+        return self.once('soft', all_seeds)
+
+    def loop_live(self):
+        """The first corridor at the pace of its recording: how long a frame call takes while its loop is corrected."""
+        def one(run):
+            folder, file = self.world('corridor', 1), self.path(f'live_{run}.cairn')
+            report = cairn('run', folder, '--realtime', '--map', file, '--overwrite')
+            print(f'        live loop: {len(report["loops"])} closed, correction {report["loop_correction_ms"]}, adjustment '
+                  f'{report["loop_adjustment_ms"]}, frames {report["frame_ms"]}, while correcting '
+                  f'{report["frame_ms_correcting"]}', flush=True)
+            return {'correcting_max': report['frame_ms_correcting']['max'],
+                    'correcting_p99': report['frame_ms_correcting']['p99'], 'p99': report['frame_ms']['p99']}
+        return self.once('live loop', lambda: median_of_runs(self.runs, one))
 
     def photometric(self):
         """Synthetic offices seen by a camera with strong response, vignette and exposure changes: the odometry alone
