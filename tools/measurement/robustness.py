@@ -125,13 +125,13 @@ def carried_away(to_s, folder):
 
 
 class Robustness:
-    def carried_away(self):
-        """As a live camera: images after the black ones until one has a pose in the map, and all poses at the end."""
+    def carried_away(self, mode='--deterministic'):
+        """Images after the black ones until one has a pose in the map, and all poses at the end."""
         def run(to_s):
-            name = f'carried_to_{to_s:g}'
+            name = f'carried_to_{to_s:g}{mode}'
             folder, frames, live = self.path(name), self.path(f'{name}.txt'), self.path(f'{name}_live.txt')
             back_s = carried_away(to_s, folder)
-            report = cairn('run', folder, '--camera', DATA / 'redkitchen' / 'camera.yaml', '--realtime', '--map',
+            report = cairn('run', folder, '--camera', DATA / 'redkitchen' / 'camera.yaml', mode, '--map',
                            self.path(f'{name}.cairn'), '--trajectory', frames, '--live-poses', live, '--overwrite')
             ate = cairn('eval', 'ate', frames, folder / 'truth.txt', '--max-dt', 0.005)
             seen = [t for t in (float(line.split()[0]) for line in open(folder / 'rgb.txt')) if t >= back_s - 0.01]
@@ -142,10 +142,10 @@ class Robustness:
 
         def one():
             results = [run(to_s) for to_s in RETURNS_S]
-            print(f'        carried away: {results}', flush=True)
+            print(f'        carried away {mode}: {results}', flush=True)
             return {'until': max(r['until'] for r in results), 'ate': max(r['ate'] for r in results),
                     'posed': min(r['posed'] for r in results)}
-        return self.once('carried away', one)
+        return self.once(f'carried away {mode}', one)
 
     def damaged(self, kind, until_s=15.0):
         """The odometry alone: error against that of the same images unspoiled, and how many spoiled images have a pose."""
