@@ -66,4 +66,23 @@ std::vector<TrajectoryKeyframe> DirectTrajectory(const std::vector<TrajectoryKey
   return direct;
 }
 
+std::vector<KeyframeRotation> DirectRotations(const std::vector<KeyframeTrajectory::Entry>& entries,
+                                              const map::Snapshot& map) {
+  std::vector<KeyframeRotation> rotations;
+  const KeyframeTrajectory::Entry* before = nullptr;
+  int steps = 0;
+  for (const KeyframeTrajectory::Entry& entry : entries) {
+    ++steps;
+    if (!entry.keyframe || !map.keyframes().Contains(entry.keyframe)) continue;
+    if (before != nullptr && before->segment == entry.segment) {
+      const Quaterniond b_from_a =
+          entry.direct_from_camera.rotation().conjugate() * before->direct_from_camera.rotation();
+      rotations.push_back({before->keyframe, entry.keyframe, b_from_a, steps});
+    }
+    before = &entry;
+    steps = 0;
+  }
+  return rotations;
+}
+
 }  // namespace cairn::mapping

@@ -1,10 +1,11 @@
-// The other of the two trajectories (Lee and Civera, "Loosely-Coupled Semi-Direct Monocular SLAM", RA-L 2019, Sec.
-// V-E): the keyframes as the direct module left them, placed in the map.
+// What the direct module makes of its keyframes, for the map: the other of the two trajectories (Lee and Civera,
+// "Loosely-Coupled Semi-Direct Monocular SLAM", RA-L 2019, Sec. V-E), and rotations.
 #pragma once
 
 #include <vector>
 
 #include "mapping/keyframe_trajectory.h"
+#include "mapping/local_adjustment.h"
 
 namespace cairn::mapping {
 
@@ -13,5 +14,10 @@ namespace cairn::mapping {
 // of them, or that stayed in one place, keeps its refined poses. FramePose() takes the result like the refined
 // trajectory.
 std::vector<TrajectoryKeyframe> DirectTrajectory(const std::vector<TrajectoryKeyframe>& refined);
+
+// Between the keyframes of `map` that follow each other within a segment, in temporal order. Direct odometry measures
+// rotation from image to image more precisely than features do, if not over a long way.
+std::vector<KeyframeRotation> DirectRotations(const std::vector<KeyframeTrajectory::Entry>& entries,
+                                              const map::Snapshot& map);
 
 }  // namespace cairn::mapping

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/random.h"
+#include "map/testing_map.h"
 
 namespace cairn::mapping {
 namespace {
@@ -88,6 +89,26 @@ TEST(DirectTrajectory, PlacesEachSegmentByItself) {
     EXPECT_LT(Distance(direct[i].map_from_camera, refined[i].map_from_camera), 1e-9) << i;
   }
   EXPECT_TRUE(DirectTrajectory({}).empty());
+}
+
+TEST(DirectRotations, AreBetweenTheKeyframesOfTheMapThatFollowEachOther) {
+  const auto map = map::testing::MakeMap(1, 2, 50).snapshot;
+  ASSERT_GE(map->keyframes().size(), 2u);
+  std::vector<KeyframeTrajectory::Entry> entries(7);
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    entries[i].segment = i < 5 ? 0 : 1;
+    entries[i].direct_from_camera = SE3(ExpSO3(Vector3d(0.0, 0.1 * static_cast<double>(i), 0.0)), Vector3d::Zero());
+  }
+  entries[1].keyframe = KeyframeId(1);
+  entries[2].keyframe = KeyframeId(999);  // not in the map any more
+  entries[4].keyframe = KeyframeId(2);
+  entries[6].keyframe = KeyframeId(1);  // of another segment
+  const std::vector<KeyframeRotation> rotations = DirectRotations(entries, *map);
+  ASSERT_EQ(rotations.size(), 1u);
+  EXPECT_EQ(rotations[0].a, KeyframeId(1));
+  EXPECT_EQ(rotations[0].b, KeyframeId(2));
+  EXPECT_EQ(rotations[0].steps, 3);
+  EXPECT_LT(AngleRad(rotations[0].b_from_a * ExpSO3(Vector3d(0.0, 0.3, 0.0))), 1e-9);
 }
 
 }  // namespace

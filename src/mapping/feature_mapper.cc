@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "mapping/direct_trajectory.h"
 #include "mapping/feature_mapper_impl.h"
 #include "mapping/stopwatch.h"
 
@@ -102,6 +103,8 @@ absl::Status FeatureMapper::Impl::Finish() {
     // What is bent over many keyframes costs little and straightens slowly.
     adjustment.function_tolerance = options_.final_tolerance;
     adjustment.max_fixed_keyframes = 0;
+    adjustment.noise_iterations = options_.noise_iterations;
+    adjustment.rotations = DirectRotations(trajectory_.entries(), *map_);
     const auto adjusted = AdjustKeyframes(edit, own, adjustment);
     if (adjusted.ok()) {
       CAIRN_RETURN_IF_ERROR(CommitEdit(std::move(edit), "bundle adjustment of the session"));

@@ -32,6 +32,7 @@ absl::Status FeatureMapperOptions::Validate() const {
   if (max_adjusted_keyframes < 1 || max_fixed_keyframes < 0) return bad("adjustment needs at least one keyframe");
   if (first_iterations < 1 || second_iterations < 0) return bad("iterations must be at least 1 and 0");
   if (max_final_keyframes < 0 || final_iterations < 1) return bad("the final adjustment needs at least one iteration");
+  if (noise_iterations < 0) return bad("noise_iterations must not be negative");
   if (!(final_tolerance > 0.0)) return bad("final_tolerance must be positive");
   if (!(min_found_ratio >= 0.0 && min_found_ratio <= 1.0)) return bad("min_found_ratio must be in [0, 1]");
   if (judged_after < 1) return bad("judged_after must be at least 1");

@@ -64,6 +64,8 @@ struct FeatureMapperOptions {
   int max_final_keyframes = 400;
   double final_tolerance = 1e-6;  // a round of it ends when the cost falls by less than this share
   int final_iterations = 30;
+  int noise_iterations =
+      30;  // of it by the noise that the observations show, and with the odometry's rotations; 0: none
 
   // Culling.
   double min_found_ratio = 0.25;  // of a new point, and of any that was to be seen as often as ...

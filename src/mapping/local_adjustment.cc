@@ -75,6 +75,11 @@ Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const Local
     if (pose == kNone || pose >= free.size()) continue;
     built.problem.priors.push_back({pose, prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad});
   }
+  for (const KeyframeRotation& rotation : options.rotations) {
+    const auto a = pose_of.find(rotation.a), b = pose_of.find(rotation.b);
+    if (a == pose_of.end() || b == pose_of.end()) continue;
+    built.problem.rotations.push_back({a->second, b->second, rotation.b_from_a, static_cast<double>(rotation.steps)});
+  }
   std::vector<double> sigma;
   for (int octave = 0; octave < edit.info().orb.num_levels; ++octave) sigma.push_back(edit.info().orb.Scale(octave));
   for (std::uint32_t p = 0; p < built.points.size(); ++p) {
@@ -148,12 +153,15 @@ absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span
   optimization::BundleAdjustmentOptions adjustment;
   adjustment.first_iterations = options.first_iterations;
   adjustment.second_iterations = options.second_iterations;
+  adjustment.noise_iterations = options.noise_iterations;
   adjustment.function_tolerance = options.function_tolerance;
   CAIRN_ASSIGN_OR_RETURN(const optimization::BundleResult result,
                          optimization::AdjustBundle(built.problem, adjustment));
   report.adjusted = true;
   report.iterations = result.iterations;
   report.rmse = result.inlier_rmse;
+  report.noise_px = result.noise_px;
+  report.rotation_noise_rad = result.rotation_noise_rad;
   Store(built, result, edit);
   for (std::size_t i = 0; i < result.inlier.size(); ++i) {
     if (result.inlier[i]) continue;

@@ -19,13 +19,25 @@ struct KeyframePrior {
   double rotation_sigma_rad = 0.0;
 };
 
+// A rotation between two keyframes as the odometry measured it, over so many of its own keyframes.
+struct KeyframeRotation {
+  KeyframeId a;
+  KeyframeId b;
+  Quaterniond b_from_a = Quaterniond::Identity();
+  int steps = 1;
+};
+
 struct LocalAdjustmentOptions {
   int first_iterations = 3;
   int second_iterations = 5;
-  double function_tolerance = 1e-4;   // a round ends when the cost falls by less than this share
-  int max_fixed_keyframes = 30;       // those that see most of the points; 0: all
-  bool hold_poses = false;            // only points move
-  std::vector<KeyframePrior> priors;  // of the free keyframes; they anchor the map like fixed ones
+  // Of each round by the noise that the observations show, and with `rotations`
+  // (optimization/bundle_adjustment.h); 0: none of them.
+  int noise_iterations = 0;
+  double function_tolerance = 1e-4;         // a round ends when the cost falls by less than this share
+  int max_fixed_keyframes = 30;             // those that see most of the points; 0: all
+  bool hold_poses = false;                  // only points move
+  std::vector<KeyframePrior> priors;        // of the free keyframes; they anchor the map like fixed ones
+  std::vector<KeyframeRotation> rotations;  // in temporal order; those of keyframes that take no part are left out
 };
 
 struct LocalAdjustmentReport {
@@ -36,7 +48,9 @@ struct LocalAdjustmentReport {
   int observations = 0;
   int rejected_observations = 0;
   int iterations = 0;
-  double rmse = 0.0;  // of whitened inlier residuals
+  double rmse = 0.0;                // of whitened inlier residuals
+  double noise_px = 0.0;            // of an observation at octave 0, per axis; 0: not measured
+  double rotation_noise_rad = 0.0;  // of one step of the rotations, per axis; 0: none took part
 };
 
 // The new keyframe and its best covisible neighbours, at most `max_count`.

@@ -10,7 +10,9 @@
 #include <cmath>
 #include <deque>
 #include <memory>
+#include <optional>
 
+#include "optimization/bundle_noise.h"
 #include "optimization/ceres_costs.h"
 #include "optimization/schur_solver.h"
 
@@ -52,10 +54,22 @@ absl::Status Check(const BundleProblem& problem) {
     }
     anchored = true;
   }
+  for (std::size_t i = 0; i < problem.rotations.size(); ++i) {
+    const BundleRotation& rotation = problem.rotations[i];
+    if (rotation.pose_a >= problem.poses.size() || rotation.pose_b >= problem.poses.size() ||
+        rotation.pose_a == rotation.pose_b) {
+      return Invalid(absl::StrCat("rotation ", i, " does not relate two poses"));
+    }
+    if (!rotation.b_from_a.coeffs().allFinite() || !(rotation.steps > 0.0)) {
+      return Invalid(absl::StrCat("rotation ", i, " is not finite or its steps are not positive"));
+    }
+  }
   if (!free) return absl::FailedPreconditionError("bundle adjustment: nothing to adjust");
   if (!anchored) return absl::FailedPreconditionError("bundle adjustment: no pose is fixed or has a prior");
   return absl::OkStatus();
 }
+
+constexpr double kRotationThreshold = 2.7955;  // sqrt(7.815): chi-square of 3 degrees of freedom, 95 %
 
 class StopCallback final : public ceres::IterationCallback {
  public:
@@ -80,13 +94,14 @@ class Adjuster {
     // A point behind a camera has no residual to start from.
     for (std::size_t i = 0; i < inlier_.size(); ++i) inlier_[i] = std::isfinite(ChiSquare(i)) ? 1 : 0;
     DropLonePoints();
-    CAIRN_RETURN_IF_ERROR(Round(true, options_.first_iterations, &result));
+    CAIRN_RETURN_IF_ERROR(Round(options_.huber_threshold, options_.first_iterations, &result));
     Classify();
     if (options_.second_iterations > 0 && !Stopped()) {
       DropLonePoints();
-      CAIRN_RETURN_IF_ERROR(Round(false, options_.second_iterations, &result));
+      CAIRN_RETURN_IF_ERROR(Round(0.0, options_.second_iterations, &result));
       Classify();
     }
+    if (options_.noise_iterations > 0 && !Stopped()) CAIRN_RETURN_IF_ERROR(RoundsWithNoise(&result));
     result.interrupted = Stopped();
     double chi2 = 0.0;
     for (std::size_t i = 0; i < inlier_.size(); ++i) {
@@ -127,24 +142,48 @@ class Adjuster {
     }
   }
 
-  absl::Status Round(bool robust, int iterations, BundleResult* result) {
+  // What is left to weigh the observations by is what they show themselves: sigma_px tells the octaves apart, but a
+  // corner is found several times more precisely than it says, and what is wrong by half a pixel is wrong.
+  absl::Status RoundsWithNoise(BundleResult* result) {
+    DropLonePoints();
+    std::vector<double> chi2(inlier_.size());
+    for (std::size_t i = 0; i < inlier_.size(); ++i) chi2[i] = ChiSquare(i);
+    result->noise_px = PixelNoise(problem_, inlier_, chi2);
+    if (!(result->noise_px > 0.0)) return absl::OkStatus();
+    const double threshold = options_.huber_threshold * result->noise_px;
+    CAIRN_RETURN_IF_ERROR(Round(threshold, options_.noise_iterations, result));
+    result->rotation_noise_rad = RotationNoise(problem_, poses_);
+    if (result->rotation_noise_rad > 0.0 && !Stopped()) {
+      // Observations stay whitened by sigma_px alone.
+      rotation_sigma_rad_ = result->rotation_noise_rad / result->noise_px;
+      rotation_threshold_ = kRotationThreshold * result->noise_px;
+      CAIRN_RETURN_IF_ERROR(Round(threshold, options_.noise_iterations, result));
+    }
+    Classify();
+    return absl::OkStatus();
+  }
+
+  // `huber_threshold`: 0 for the squared loss.
+  absl::Status Round(double huber_threshold, int iterations, BundleResult* result) {
     const auto free_poses =
         std::count_if(problem_.poses.begin(), problem_.poses.end(), [](const BundlePose& pose) { return !pose.fixed; });
-    if (free_poses > options_.max_dense_poses) return SparseRound(robust, iterations, result);
+    if (free_poses > options_.max_dense_poses) return SparseRound(huber_threshold, iterations, result);
     internal::SchurOptions options;
     options.max_iterations = iterations;
-    options.huber_threshold = robust ? options_.huber_threshold : 0.0;
+    options.huber_threshold = huber_threshold;
+    options.rotation_sigma_rad = rotation_sigma_rad_;
+    options.rotation_threshold = rotation_threshold_;
     options.function_tolerance = options_.function_tolerance;
     options.stop = options_.stop;
     const internal::SchurSummary summary = internal::MinimizeBundle(problem_, inlier_, options, &poses_, &points_);
     if (!summary.usable) return absl::InternalError("bundle adjustment: the equations have no solution");
-    if (robust) result->initial_cost = summary.initial_cost;
+    if (result->iterations == 0) result->initial_cost = summary.initial_cost;
     result->iterations += summary.steps;
     return absl::OkStatus();
   }
 
   // With many poses the reduced equations are sparse: a matter for Ceres and SuiteSparse.
-  absl::Status SparseRound(bool robust, int iterations, BundleResult* result) {
+  absl::Status SparseRound(double huber_threshold, int iterations, BundleResult* result) {
     ceres::Problem::Options ownership;
     ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
@@ -152,9 +191,12 @@ class Adjuster {
     ownership.disable_all_safety_checks = true;
     ceres::Problem problem(ownership);
     internal::LeftIncrementManifold manifold;
-    ceres::HuberLoss huber(options_.huber_threshold);
+    std::optional<ceres::HuberLoss> huber, rotation_huber;
+    if (huber_threshold > 0.0) huber.emplace(huber_threshold);
+    if (rotation_threshold_ > 0.0) rotation_huber.emplace(rotation_threshold_);
     std::deque<internal::ReprojectionCost> costs;
     std::deque<internal::PosePriorCost> priors;
+    std::deque<internal::RelativeRotationCost> rotations;
     std::vector<std::array<double, 7>> blocks(poses_.size());
     for (std::size_t i = 0; i < poses_.size(); ++i) PoseToBlock(poses_[i], blocks[i].data());
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
@@ -164,12 +206,18 @@ class Adjuster {
       if (!inlier_[i]) continue;
       const Pinhole& pinhole = problem_.cameras[problem_.poses[o.pose].camera];
       costs.emplace_back(pinhole, o.pixel, o.sigma_px);
-      problem.AddResidualBlock(&costs.back(), robust ? &huber : nullptr, blocks[o.pose].data(),
+      problem.AddResidualBlock(&costs.back(), huber ? &*huber : nullptr, blocks[o.pose].data(),
                                points_[o.point].data());
     }
     for (const BundlePrior& prior : problem_.priors) {
       priors.emplace_back(prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad);
       problem.AddResidualBlock(&priors.back(), nullptr, blocks[prior.pose].data());
+    }
+    for (std::size_t i = 0; rotation_sigma_rad_ > 0.0 && i < problem_.rotations.size(); ++i) {
+      const BundleRotation& rotation = problem_.rotations[i];
+      rotations.emplace_back(rotation.b_from_a, rotation_sigma_rad_ * std::sqrt(rotation.steps));
+      problem.AddResidualBlock(&rotations.back(), rotation_huber ? &*rotation_huber : nullptr,
+                               blocks[rotation.pose_a].data(), blocks[rotation.pose_b].data());
     }
     if (problem.NumResidualBlocks() == 0) return absl::OkStatus();
 
@@ -189,7 +237,7 @@ class Adjuster {
       return absl::InternalError("bundle adjustment: the solver failed: " + summary.message);
     }
     for (std::size_t i = 0; i < poses_.size(); ++i) poses_[i] = PoseFromBlock(blocks[i].data());
-    if (robust) result->initial_cost = summary.initial_cost;
+    if (result->iterations == 0) result->initial_cost = summary.initial_cost;
     // Iteration 0 is the evaluation of the start.
     result->iterations += std::max(0, summary.num_successful_steps - 1);
     return absl::OkStatus();
@@ -204,6 +252,9 @@ class Adjuster {
       if (inlier_[i]) pose_used[o.pose] = point_used[o.point] = 1;
     }
     for (const BundlePrior& prior : problem_.priors) pose_used[prior.pose] = 1;
+    for (const BundleRotation& rotation : problem_.rotations) {
+      if (rotation_sigma_rad_ > 0.0) pose_used[rotation.pose_a] = pose_used[rotation.pose_b] = 1;
+    }
     for (std::size_t i = 0; i < points_.size(); ++i) {
       if (!point_used[i]) continue;
       problem->AddParameterBlock(points_[i].data(), 3);
@@ -223,6 +274,8 @@ class Adjuster {
   std::vector<SE3> poses_;
   std::vector<Vector3d> points_;
   std::vector<std::uint8_t> inlier_;
+  double rotation_sigma_rad_ = 0.0;  // of one step of the problem's rotations, as the cost takes it; 0: without them
+  double rotation_threshold_ = 0.0;  // of Huber's loss on them
 };
 
 }  // namespace
@@ -230,6 +283,7 @@ class Adjuster {
 absl::Status BundleAdjustmentOptions::Validate() const {
   if (first_iterations < 1) return Invalid("first_iterations must be at least 1");
   if (second_iterations < 0) return Invalid("second_iterations must not be negative");
+  if (noise_iterations < 0) return Invalid("noise_iterations must not be negative");
   if (!(chi2_threshold > 0.0)) return Invalid("chi2_threshold must be positive");
   if (!(huber_threshold > 0.0)) return Invalid("huber_threshold must be positive");
   if (max_dense_poses < 0) return Invalid("max_dense_poses must not be negative");

@@ -218,14 +218,26 @@ TEST(BundleAdjustment, FindsTheExactAnswer) {
   }
 }
 
+// Rotations of a world's poses one to the next, with errors of `sigma_rad` per axis.
+void AddRotations(double sigma_rad, std::uint64_t seed, World* world) {
+  Random random(seed);
+  for (std::uint32_t i = 0; i + 1 < world->truth.poses.size(); ++i) {
+    const Vector3d error = sigma_rad * Vector3d(random.Normal(), random.Normal(), random.Normal());
+    const Quaterniond b_from_a = world->truth.poses[i + 1].camera_from_map.rotation() *
+                                 world->truth.poses[i].camera_from_map.rotation().conjugate();
+    world->start.rotations.push_back({i, i + 1, ExpSO3(error) * b_from_a, 1.0});
+  }
+}
+
 TEST(BundleAdjustment, DenseAndSparseSolversAgree) {
   World world = MakeWorld(7, 0.7, 12, 200);
   for (std::size_t i = 0; i < world.start.observations.size(); i += 15) {
     world.start.observations[i].pixel += Vector2d(25.0, -10.0);
   }
   world.start.priors.push_back({5, world.truth.poses[5].camera_from_map, 0.05, 0.02});
+  AddRotations(0.002, 4, &world);
   BundleAdjustmentOptions options;
-  options.first_iterations = options.second_iterations = 50;
+  options.first_iterations = options.second_iterations = options.noise_iterations = 50;
   options.function_tolerance = 1e-13;
   const auto dense = AdjustBundle(world.start, options);
   options.max_dense_poses = 0;
@@ -237,6 +249,118 @@ TEST(BundleAdjustment, DenseAndSparseSolversAgree) {
   for (std::size_t i = 0; i < world.start.poses.size(); ++i) {
     const SE3 difference = dense->camera_from_map[i] * sparse->camera_from_map[i].Inverse();
     EXPECT_LT(difference.Log().norm(), 1e-5) << i;
+  }
+}
+
+TEST(CeresCosts, RotationJacobianAgreesWithDifferencesAndAutodiff) {
+  Random random(8);
+  const internal::LeftIncrementManifold manifold;
+  for (int trial = 0; trial < 20; ++trial) {
+    const SE3 poses[2] = {SE3::Exp(RandomTangent(random, 1.0, 0.5)), SE3::Exp(RandomTangent(random, 1.0, 0.5))};
+    const Quaterniond measured =
+        SE3::Exp(RandomTangent(random, 1.0, 0.2)).rotation() * poses[1].rotation() * poses[0].rotation().conjugate();
+    const internal::RelativeRotationCost cost(measured, 0.01);
+    std::array<double, 7> blocks[2];
+    for (int k = 0; k < 2; ++k) internal::PoseToBlock(poses[k], blocks[k].data());
+    const double* at[] = {blocks[0].data(), blocks[1].data()};
+    Vector3d residual, high, low;
+    Eigen::Matrix<double, 3, 7, Eigen::RowMajor> jacobian[2];
+    double* jacobians[] = {jacobian[0].data(), jacobian[1].data()};
+    ASSERT_TRUE(cost.Evaluate(at, residual.data(), jacobians));
+    for (int k = 0; k < 2; ++k) {
+      for (int i = 0; i < 6; ++i) {
+        std::array<double, 7> moved;
+        const double* there[] = {at[0], at[1]};
+        there[k] = moved.data();
+        const Vector6d x = Vector6d::Unit(i) * 1e-6, back = -x;
+        manifold.Plus(at[k], x.data(), moved.data());
+        cost.Evaluate(there, high.data(), nullptr);
+        manifold.Plus(at[k], back.data(), moved.data());
+        cost.Evaluate(there, low.data(), nullptr);
+        const Vector3d difference = (high - low) / 2e-6;
+        EXPECT_LT((difference - jacobian[k].col(i)).norm(), 1e-5 * (1.0 + difference.norm()));
+      }
+    }
+
+    // q_b q_a^-1 q^-1 with q' = (1, w / 2) q for both, to first order.
+    using Jet = ceres::Jet<double, 6>;
+    const auto stepped = [](const Quaterniond& q, int first, Jet* out) {
+      const Jet step[] = {Jet(1.0), 0.5 * Jet(0.0, first), 0.5 * Jet(0.0, first + 1), 0.5 * Jet(0.0, first + 2)};
+      const Jet from[] = {Jet(q.w()), Jet(q.x()), Jet(q.y()), Jet(q.z())};
+      ceres::QuaternionProduct(step, from, out);
+    };
+    Jet a[4], b[4], b_from_a[4], error[4], angle_axis[3];
+    stepped(poses[0].rotation(), 0, a);
+    stepped(poses[1].rotation(), 3, b);
+    const Jet a_inverse[] = {a[0], -a[1], -a[2], -a[3]};
+    ceres::QuaternionProduct(b, a_inverse, b_from_a);
+    const Jet measured_inverse[] = {Jet(measured.w()), Jet(-measured.x()), Jet(-measured.y()), Jet(-measured.z())};
+    ceres::QuaternionProduct(b_from_a, measured_inverse, error);
+    ceres::QuaternionToAngleAxis(error, angle_axis);
+    for (int i = 0; i < 3; ++i) {
+      const Jet turn = angle_axis[i] / 0.01;
+      EXPECT_NEAR(turn.a, residual[i], 1e-9);
+      EXPECT_LT((turn.v.head<3>().transpose() - jacobian[0].row(i).segment<3>(3)).norm(), 1e-9 * (1.0 + turn.v.norm()));
+      EXPECT_LT((turn.v.tail<3>().transpose() - jacobian[1].row(i).segment<3>(3)).norm(), 1e-9 * (1.0 + turn.v.norm()));
+    }
+  }
+}
+
+// Wrong by less than the chi-square threshold sees, many times the noise: as at corners that are not quite the same.
+void Spoil(World* world) {
+  Random random(12);
+  for (std::size_t i = 0; i < world->start.observations.size(); i += 5) {
+    const double angle = random.Uniform(0, 6.28);
+    world->start.observations[i].pixel +=
+        1.8 * world->start.observations[i].sigma_px * Vector2d(std::cos(angle), std::sin(angle));
+  }
+}
+
+TEST(BundleAdjustment, TheMeasuredNoiseMakesSmallErrorsCountLess) {
+  World world = MakeWorld(2, 0.1);
+  Spoil(&world);
+  BundleAdjustmentOptions options;
+  options.first_iterations = options.second_iterations = 30;
+  options.function_tolerance = 1e-9;
+  const auto by_sigma = AdjustBundle(world.start, options);
+  options.noise_iterations = 30;
+  const auto by_noise = AdjustBundle(world.start, options);
+  ASSERT_TRUE(by_sigma.ok() && by_noise.ok());
+  EXPECT_EQ(by_sigma->noise_px, 0.0);
+  EXPECT_GT(by_noise->noise_px, 0.08);
+  EXPECT_LT(by_noise->noise_px, 0.3);
+  EXPECT_EQ(by_noise->rotation_noise_rad, 0.0);
+  EXPECT_LT(PoseError(world, *by_noise), 0.6 * PoseError(world, *by_sigma));
+}
+
+double RotationError(const World& world, const BundleResult& result) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < result.camera_from_map.size(); ++i) {
+    const Quaterniond& truth = world.truth.poses[i].camera_from_map.rotation();
+    sum += std::pow(AngleRad(result.camera_from_map[i].rotation() * truth.conjugate()), 2);
+  }
+  return std::sqrt(sum / static_cast<double>(result.camera_from_map.size()));
+}
+
+TEST(BundleAdjustment, RotationsFromElsewhereAreWeightedByHowTheyDisagree) {
+  for (const int max_dense_poses : {60, 0}) {
+    BundleAdjustmentOptions options;
+    options.first_iterations = options.second_iterations = options.noise_iterations = 30;
+    options.function_tolerance = 1e-9;
+    options.max_dense_poses = max_dense_poses;
+    World plain = MakeWorld(2, 0.7, 24, 120), good = plain, bad = plain;
+    AddRotations(1e-5, 3, &good);
+    AddRotations(0.1, 3, &bad);
+    // A few that are altogether wrong do no harm.
+    good.start.rotations[4].b_from_a = ExpSO3(Vector3d(0.2, 0.1, -0.3)) * good.start.rotations[4].b_from_a;
+    const auto without = AdjustBundle(plain.start, options), with_good = AdjustBundle(good.start, options),
+               with_bad = AdjustBundle(bad.start, options);
+    ASSERT_TRUE(without.ok() && with_good.ok() && with_bad.ok());
+    EXPECT_GT(with_good->rotation_noise_rad, 0.0);
+    EXPECT_LT(with_good->rotation_noise_rad, 0.01);
+    EXPECT_GT(with_bad->rotation_noise_rad, 0.08);
+    EXPECT_LT(RotationError(plain, *with_good), 0.85 * RotationError(plain, *without)) << max_dense_poses;
+    EXPECT_LT(RotationError(plain, *with_bad), 1.05 * RotationError(plain, *without)) << max_dense_poses;
   }
 }
 
@@ -332,6 +456,11 @@ TEST(BundleAdjustment, RefusesBadInput) {
   EXPECT_EQ(code(bad), absl::StatusCode::kInvalidArgument);
   bad = good.start;
   bad.priors.push_back({0, SE3(), 0.0, 1.0});
+  EXPECT_EQ(code(bad), absl::StatusCode::kInvalidArgument);
+  bad = good.start;
+  bad.rotations.push_back({2, 2, Quaterniond::Identity(), 1.0});
+  EXPECT_EQ(code(bad), absl::StatusCode::kInvalidArgument);
+  bad.rotations[0] = {2, 3, Quaterniond::Identity(), 0.0};
   EXPECT_EQ(code(bad), absl::StatusCode::kInvalidArgument);
   bad = good.start;
   for (BundlePose& pose : bad.poses) pose.fixed = false;

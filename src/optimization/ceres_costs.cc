@@ -90,4 +90,28 @@ bool PosePriorCost::Evaluate(double const* const* parameters, double* residuals,
   return true;
 }
 
+Vector3d RelativeRotationCost::Residual(const Quaterniond& a, const Quaterniond& b, Matrix3d* by_a,
+                                        Matrix3d* by_b) const {
+  const Quaterniond b_from_a = b * a.conjugate();
+  const Vector3d error = LogSO3(b_from_a * a_from_b_);
+  // (Exp(y) R_b) (Exp(x) R_a)^-1 = Exp(y) R_ba Exp(-x) = Exp(y) Exp(-R_ba x) R_ba.
+  if (by_b != nullptr) *by_b = weight_ * LeftJacobianSO3(error).inverse();
+  if (by_b != nullptr && by_a != nullptr) *by_a = -*by_b * b_from_a.toRotationMatrix();
+  return weight_ * error;
+}
+
+bool RelativeRotationCost::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+  const Quaterniond a = PoseFromBlock(parameters[0]).rotation(), b = PoseFromBlock(parameters[1]).rotation();
+  Matrix3d by[2];
+  Eigen::Map<Vector3d> r(residuals);
+  r = Residual(a, b, &by[0], &by[1]);
+  for (int i = 0; jacobians != nullptr && i < 2; ++i) {
+    if (jacobians[i] == nullptr) continue;
+    Eigen::Map<Eigen::Matrix<double, 3, 7, Eigen::RowMajor>> j(jacobians[i]);
+    j.setZero();
+    j.block<3, 3>(0, 3) = by[i];
+  }
+  return true;
+}
+
 }  // namespace cairn::optimization::internal

@@ -54,4 +54,19 @@ class PosePriorCost final : public ceres::SizedCostFunction<6, 7> {
   double rotation_weight_;
 };
 
+// Log(R_b R_a^-1 b_from_a^-1) over sigma. Blocks: pose a, pose b.
+class RelativeRotationCost final : public ceres::SizedCostFunction<3, 7, 7> {
+ public:
+  RelativeRotationCost(const Quaterniond& b_from_a, double sigma_rad)
+      : a_from_b_(b_from_a.normalized().conjugate()), weight_(1.0 / sigma_rad) {}
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override;
+
+  // The residual of two poses, and its derivatives by the rotations of their left increments.
+  Vector3d Residual(const Quaterniond& a, const Quaterniond& b, Matrix3d* by_a, Matrix3d* by_b) const;
+
+ private:
+  Quaterniond a_from_b_;
+  double weight_;
+};
+
 }  // namespace cairn::optimization::internal

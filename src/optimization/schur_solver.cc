@@ -39,6 +39,10 @@ class Solver {
     for (const BundlePrior& prior : problem.priors) {
       priors_.emplace_back(prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad);
     }
+    for (std::size_t i = 0; options.rotation_sigma_rad > 0.0 && i < problem.rotations.size(); ++i) {
+      const BundleRotation& rotation = problem.rotations[i];
+      rotations_.emplace_back(rotation.b_from_a, options.rotation_sigma_rad * std::sqrt(rotation.steps));
+    }
   }
 
   SchurSummary Run() {
@@ -150,6 +154,15 @@ class Solver {
       priors_[i].Evaluate(parameters, residual.data(), nullptr);
       sum += residual.squaredNorm();
     }
+    const HuberLoss rotation_loss{options_.rotation_threshold};
+    for (std::size_t i = 0; i < rotations_.size(); ++i) {
+      const BundleRotation& rotation = problem_.rotations[i];
+      const double chi2 =
+          rotations_[i]
+              .Residual(poses[rotation.pose_a].rotation(), poses[rotation.pose_b].rotation(), nullptr, nullptr)
+              .squaredNorm();
+      sum += options_.rotation_threshold > 0.0 ? rotation_loss.Value(chi2) : chi2;
+    }
     return 0.5 * sum;
   }
 
@@ -164,6 +177,38 @@ class Solver {
                         pose_gradient_.data(), point_hessian_[p].data(), point_gradient_[p].data(), CrossOf(p));
     }
     for (std::size_t i = 0; i < priors_.size(); ++i) AddPrior(i);
+    rotation_cross_.assign(rotations_.size(), Matrix3d::Zero());
+    for (std::size_t i = 0; i < rotations_.size(); ++i) AddRotation(i);
+  }
+
+  void AddRotation(std::size_t index) {
+    const BundleRotation& rotation = problem_.rotations[index];
+    const std::int32_t a = free_of_[rotation.pose_a], b = free_of_[rotation.pose_b];
+    Matrix3d by_a, by_b;
+    const Vector3d residual = rotations_[index].Residual(poses_[rotation.pose_a].rotation(),
+                                                         poses_[rotation.pose_b].rotation(), &by_a, &by_b);
+    const double weight =
+        options_.rotation_threshold > 0.0 ? HuberLoss{options_.rotation_threshold}.Weight(residual.squaredNorm()) : 1.0;
+    if (a >= 0) {
+      PoseHessian(a).block<3, 3>(3, 3) += weight * by_a.transpose() * by_a;
+      PoseGradient(a).segment<3>(3) += weight * by_a.transpose() * residual;
+    }
+    if (b >= 0) {
+      PoseHessian(b).block<3, 3>(3, 3) += weight * by_b.transpose() * by_b;
+      PoseGradient(b).segment<3>(3) += weight * by_b.transpose() * residual;
+    }
+    rotation_cross_[index] = weight * by_a.transpose() * by_b;
+  }
+
+  // Into the lower triangle.
+  void AddRotationCross() {
+    for (std::size_t i = 0; i < rotations_.size(); ++i) {
+      const std::int32_t a = free_of_[problem_.rotations[i].pose_a], b = free_of_[problem_.rotations[i].pose_b];
+      if (a < 0 || b < 0) continue;
+      const Eigen::Index at_a = 6 * a + 3, at_b = 6 * b + 3;
+      if (a > b) reduced_.block<3, 3>(at_a, at_b) += rotation_cross_[i];
+      if (b > a) reduced_.block<3, 3>(at_b, at_a) += rotation_cross_[i].transpose();
+    }
   }
 
   void AddPrior(std::size_t index) {
@@ -210,6 +255,7 @@ class Solver {
       reduced_.block<6, 6>(at, at) += own;
       right_.segment<6>(at) = PaddedColumn(column_.data() + row * kPadded) - PoseGradient(row);
     }
+    AddRotationCross();
     if (n > 0) {
       const Eigen::LLT<Eigen::MatrixXd, Eigen::Lower> factor(reduced_);
       if (factor.info() != Eigen::Success) return false;
@@ -257,6 +303,8 @@ class Solver {
   std::vector<SchurSight> sights_;
   std::vector<int> free_count_;  // per point, of its sights
   std::deque<PosePriorCost> priors_;
+  std::deque<RelativeRotationCost> rotations_;
+  std::vector<Matrix3d> rotation_cross_;  // between the rotations of both poses of each
 
   double cost_ = 0.0;
   std::vector<SchurCamera> cameras_;  // per pose

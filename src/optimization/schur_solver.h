@@ -18,6 +18,8 @@ namespace cairn::optimization::internal {
 struct SchurOptions {
   int max_iterations = 10;
   double huber_threshold = 0.0;      // whitened; 0: squared loss
+  double rotation_sigma_rad = 0.0;   // of one step of the problem's rotations; 0: these take no part
+  double rotation_threshold = 0.0;   // of Huber's loss on them, whitened; 0: squared loss
   double function_tolerance = 1e-4;  // ends when the cost falls by less than this share
   const std::atomic<bool>* stop = nullptr;
 };
