@@ -63,6 +63,7 @@ void LocalMapper::AddPoints(map::Edit& edit, const InsertionRequest& request, In
   triangulation.min_parallax_deg = options_.min_parallax_deg;
   triangulation.min_baseline_share = options_.min_baseline_share;
   triangulation.max_chi_square = options_.max_chi_square;
+  triangulation.covered_points = options_.covered_points;
   std::vector<PointId> added =
       TriangulateWith(edit, report->keyframe, neighbours, request.depths, request.map_per_direct,
                       DepthRangeOf(edit, report->keyframe), triangulation);

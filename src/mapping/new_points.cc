@@ -13,6 +13,7 @@ namespace cairn::mapping {
 namespace {
 
 constexpr double kMaxRollErrorRad = 0.7;  // of keypoint orientations against the roll that the poses tell
+constexpr int kCells = 8;                 // per side of the image
 constexpr int kOctaves = 2;               // by which the two features of a match may differ
 
 Vector2d PixelOf(const image::Keypoint& keypoint) { return {keypoint.x_px, keypoint.y_px}; }
@@ -219,11 +220,28 @@ DepthRange DepthRangeOf(const map::Edit& edit, KeyframeId id) {
   return {0.2 / far, 2.0 / near, depths[depths.size() / 2]};
 }
 
+std::vector<std::uint8_t> CoveredFeatures(const map::Keyframe& keyframe, const Pinhole& pinhole, int points_per_cell) {
+  std::vector<std::uint8_t> covered(keyframe.points.size(), 0);
+  if (points_per_cell <= 0) return covered;
+  std::vector<int> points_in(kCells * kCells, 0);
+  const auto cell_of = [&](std::size_t feature) {
+    const image::Keypoint& keypoint = keyframe.keypoints()[feature];
+    const int x = std::clamp(static_cast<int>(keypoint.x_px * kCells / pinhole.width_px), 0, kCells - 1);
+    const int y = std::clamp(static_cast<int>(keypoint.y_px * kCells / pinhole.height_px), 0, kCells - 1);
+    return static_cast<std::size_t>(y * kCells + x);
+  };
+  for (std::size_t i = 0; i < covered.size(); ++i) points_in[cell_of(i)] += keyframe.points[i] ? 1 : 0;
+  for (std::size_t i = 0; i < covered.size(); ++i) covered[i] = points_in[cell_of(i)] >= points_per_cell ? 1 : 0;
+  return covered;
+}
+
 std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId id, std::span<const KeyframeId> neighbours,
                                      std::span<const KeypointDepth> depths, double map_per_direct,
                                      const DepthRange& range, const TriangulationOptions& options) {
   std::vector<PointId> added;
   if (!range.valid()) return added;
+  const std::vector<std::uint8_t> covered =
+      CoveredFeatures(edit.keyframe(id), edit.pinhole(edit.keyframe(id).camera), options.covered_points);
   const image::OrbParameters& orb = edit.info().orb;
   for (const KeyframeId neighbour_id : neighbours) {
     if (neighbour_id == id) continue;
@@ -245,7 +263,7 @@ std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId id, std::span<c
 
       std::vector<Candidate> best_of_b(b.keypoints().size(), Candidate{0, 0, 257});
       for (std::uint32_t i = 0; i < a.keypoints().size(); ++i) {
-        if (a.points[i]) continue;
+        if (a.points[i] || covered[i]) continue;
         double low = range.min_inverse, high = range.max_inverse;
         if (i < depths.size() && depths[i].known()) {
           const double inverse = depths[i].inverse_depth / map_per_direct;
