@@ -1,6 +1,8 @@
 #include "mapping/local_adjustment.h"
 
 #include <algorithm>
+#include <cmath>
+#include <optional>
 #include <unordered_map>
 
 #include "base/dense_ids.h"
@@ -12,8 +14,9 @@ using optimization::BundleProblem;
 
 struct Built {
   BundleProblem problem;
-  std::vector<KeyframeId> keyframes;  // per pose
-  std::vector<PointId> points;        // per point
+  std::vector<KeyframeId> keyframes;         // per pose
+  std::vector<PointId> points;               // per point
+  std::optional<std::uint32_t> only_anchor;  // the pose that alone holds the problem: its scale is free
 };
 
 std::vector<PointId> PointsOf(const map::Edit& edit, std::span<const KeyframeId> keyframes) {
@@ -56,6 +59,11 @@ Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const Local
   const bool floats = fixed.empty() && options.priors.empty();
   const KeyframeId anchor = floats ? *std::min_element(free.begin(), free.end()) : KeyframeId();
 
+  if (floats) {
+    const auto at = std::find(built.keyframes.begin(), built.keyframes.end(), anchor);
+    built.only_anchor = static_cast<std::uint32_t>(at - built.keyframes.begin());
+  }
+
   std::unordered_map<CameraId, std::uint32_t> camera_of;
   constexpr auto kNone = static_cast<std::uint32_t>(-1);
   std::vector<std::uint32_t> pose_of(edit.next_keyframe().value(), kNone);
@@ -93,6 +101,25 @@ Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const Local
     }
   }
   return built;
+}
+
+// Nothing in the images tells the scale of a map that hangs on one pose: it may have wandered, and others keep lengths
+// in it. The distances of the points from the anchor's camera become, in the middle, what they were.
+void KeepScale(const Built& built, std::uint32_t anchor, optimization::BundleResult* result) {
+  const Vector3d origin = built.problem.poses[anchor].camera_from_map.Inverse().translation();
+  std::vector<double> ratios;
+  for (std::size_t i = 0; i < result->points.size(); ++i) {
+    const double ratio = (built.problem.points[i] - origin).norm() / (result->points[i] - origin).norm();
+    if (ratio > 0.0 && std::isfinite(ratio)) ratios.push_back(ratio);
+  }
+  if (ratios.empty()) return;
+  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+  std::nth_element(ratios.begin(), middle, ratios.end());
+  for (SE3& pose : result->camera_from_map) {
+    const Vector3d centre = origin + *middle * (pose.Inverse().translation() - origin);
+    pose = SE3(pose.rotation(), -(pose.rotation() * centre));
+  }
+  for (Vector3d& point : result->points) point = origin + *middle * (point - origin);
 }
 
 // What moves by less is left as it is: it would have to be stored anew for nothing.
@@ -155,8 +182,8 @@ absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span
   adjustment.second_iterations = options.second_iterations;
   adjustment.noise_iterations = options.noise_iterations;
   adjustment.function_tolerance = options.function_tolerance;
-  CAIRN_ASSIGN_OR_RETURN(const optimization::BundleResult result,
-                         optimization::AdjustBundle(built.problem, adjustment));
+  CAIRN_ASSIGN_OR_RETURN(optimization::BundleResult result, optimization::AdjustBundle(built.problem, adjustment));
+  if (built.only_anchor) KeepScale(built, *built.only_anchor, &result);
   report.adjusted = true;
   report.iterations = result.iterations;
   report.rmse = result.inlier_rmse;

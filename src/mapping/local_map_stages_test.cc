@@ -1,7 +1,9 @@
 // The stages of local mapping, each on a small map with known truth.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "map/testing_map.h"
 #include "mapping/culling.h"
@@ -37,6 +39,42 @@ TEST(NewPoints, TriangulatesWhatNoPointKnowsYet) {
     for (const Vector3d& truth : gone) right += (edit.point(id).position - truth).norm() < 0.01 ? 1 : 0;
   }
   EXPECT_GT(right, 0.98 * static_cast<double>(added.size()));
+}
+
+TEST(NewPoints, AreNotMadeWhereThePointsAreEnough) {
+  const TestMap world = MakeMap(1, 5, 1200);
+  map::Edit edit(world.snapshot);
+  // Every second point goes, and on the left half of the last image all but every tenth.
+  const map::Keyframe& last = world.snapshot->keyframe(KeyframeId(5));
+  for (std::size_t i = 0; i < last.points.size(); ++i) {
+    if (!last.points[i]) continue;
+    const bool left = last.keypoints()[i].x_px < 320.0f;
+    if (left ? i % 10 != 0 : i % 2 == 0) edit.ErasePoint(last.points[i]);
+  }
+  constexpr int kEnough = 4;
+  const auto covered = CoveredFeatures(edit.keyframe(KeyframeId(5)), map::testing::kPinhole, kEnough);
+  int left = 0, right = 0;
+  for (std::size_t i = 0; i < covered.size(); ++i) {
+    (last.keypoints()[i].x_px < 320.0f ? left : right) += covered[i];
+  }
+  EXPECT_GT(right, 100);
+  EXPECT_LT(left, right / 4);
+
+  TriangulationOptions options;
+  options.covered_points = kEnough;
+  const std::vector<KeyframeId> neighbours = {KeyframeId(1), KeyframeId(2)};
+  const auto added =
+      TriangulateWith(edit, KeyframeId(5), neighbours, {}, 1.0, DepthRangeOf(edit, KeyframeId(5)), options);
+  EXPECT_GT(added.size(), 50u);
+  for (const PointId id : added) {
+    for (const map::Observation& observation : edit.point(id).observations) {
+      EXPECT_TRUE(observation.keyframe != KeyframeId(5) || !covered[observation.feature]);
+    }
+  }
+  options.covered_points = 0;
+  const auto all =
+      TriangulateWith(edit, KeyframeId(5), neighbours, {}, 1.0, DepthRangeOf(edit, KeyframeId(5)), options);
+  EXPECT_GT(all.size(), 50u) << "the others were left out for being covered";
 }
 
 TEST(NewPoints, GatesOnParallaxAndBaseline) {
@@ -130,6 +168,38 @@ TEST(LocalAdjustment, RepairsADisturbedKeyframeAndDropsWrongObservations) {
   EXPECT_LT((edit.keyframe(KeyframeId(6)).camera_from_map * truth.Inverse()).Log().norm(), 0.005);
   EXPECT_FALSE(edit.keyframe(KeyframeId(6)).points[b]) << "the wrong observation is gone";
   EXPECT_TRUE(edit.FindPoint(points[a]) != nullptr);
+}
+
+TEST(LocalAdjustment, KeepsTheScaleOfAMapThatHangsOnOneKeyframe) {
+  const TestMap world = MakeMap(5, 6, 400, 0.3);
+  map::Edit edit(world.snapshot);
+  Random random(7);
+  std::vector<std::pair<PointId, Vector3d>> points_before;
+  world.snapshot->points().ForEach([&](const std::shared_ptr<const map::MapPoint>& point) {
+    points_before.emplace_back(point->id, point->position);
+  });
+  std::vector<KeyframeId> all;
+  for (KeyframeId::Value id = 1; id <= 6; ++id) {
+    all.emplace_back(id);
+    Vector6d disturbance;
+    for (int i = 0; i < 6; ++i) disturbance[i] = (i < 3 ? 0.05 : 0.005) * random.Normal();
+    if (id > 1) edit.SetPose(all.back(), SE3::Exp(disturbance) * world.poses[id - 1]);
+  }
+  // A scale that is not the points' own, as if the cameras had been placed in another unit.
+  for (const auto& [id, point] : points_before) edit.SetPosition(id, 1.02 * point);
+  LocalAdjustmentOptions options;
+  options.first_iterations = options.second_iterations = options.noise_iterations = 30;
+  const auto report = AdjustKeyframes(edit, all, options);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_LT(report->rmse, 0.5);
+  const Vector3d origin = edit.keyframe(all[0]).CenterInMap();
+  std::vector<double> ratios;
+  for (const auto& [id, point] : points_before) {
+    if (edit.FindPoint(id) != nullptr)
+      ratios.push_back((edit.point(id).position - origin).norm() / (1.02 * point - origin).norm());
+  }
+  std::sort(ratios.begin(), ratios.end());
+  EXPECT_NEAR(ratios[ratios.size() / 2], 1.0, 1e-4);
 }
 
 TEST(Culling, PointsThatAreNotFoundOrNotSeenEnough) {

@@ -19,6 +19,7 @@ using PaddedMap = Eigen::Map<Matrix6d, 0, Eigen::OuterStride<kPadded>>;
 using PaddedColumn = Eigen::Map<Vector6d>;
 
 constexpr double kFirstDamping = 1e-4;  // share of the diagonal
+constexpr double kMinDamping = 1e-9;    // what no residual tells, such as the scale of a map, stays where it is
 constexpr double kMaxDamping = 1e8;
 constexpr double kMinDiagonal = 1e-9;  // added to each, so that what no residual moves stays
 
@@ -74,7 +75,7 @@ class Solver {
       points_ = trial_points_;
       cost_ = trial;
       ++summary.steps;
-      damping *= std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3));
+      damping = std::max(kMinDamping, damping * std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3)));
       growth = 2.0;
       if (converged || iteration + 1 == options_.max_iterations) break;
       Linearize();
