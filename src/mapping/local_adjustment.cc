@@ -84,9 +84,9 @@ Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const Local
     built.problem.priors.push_back({pose, prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad});
   }
   for (const KeyframeRotation& rotation : options.rotations) {
-    const auto a = pose_of.find(rotation.a), b = pose_of.find(rotation.b);
-    if (a == pose_of.end() || b == pose_of.end()) continue;
-    built.problem.rotations.push_back({a->second, b->second, rotation.b_from_a, static_cast<double>(rotation.steps)});
+    const std::uint32_t a = pose_of[rotation.a.value()], b = pose_of[rotation.b.value()];
+    if (a == kNone || b == kNone) continue;
+    built.problem.rotations.push_back({a, b, rotation.b_from_a, static_cast<double>(rotation.steps)});
   }
   std::vector<double> sigma;
   for (int octave = 0; octave < edit.info().orb.num_levels; ++octave) sigma.push_back(edit.info().orb.Scale(octave));
