@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <chrono>
 
+#include "map/lens.h"
+
 namespace cairn::client {
 namespace {
 
@@ -110,6 +112,15 @@ void LocalLocalizer::FillPose(const tracking::Relocalization& found, api::Locali
       world_from_map ? world_from_map->TransformPose(answer->map_from_camera) : answer->map_from_camera;
 }
 
+// A camera that the map knows, by its calibration, and whose lens it has corrected: a query's is the same.
+void LocalLocalizer::CorrectLens(const image::Undistorter& undistorter, image::Features* features) const {
+  for (const auto& [id, camera] : snapshot_->cameras()) {
+    if (!camera.lens || !(camera.model == undistorter.camera()) || !(camera.pinhole == undistorter.pinhole())) continue;
+    map::CorrectKeypoints(camera, features->keypoints);
+    return;
+  }
+}
+
 absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::LocalizeQuery& query) {
   CAIRN_RETURN_IF_ERROR(CheckQuery(query));
   api::LocalizeAnswer answer;
@@ -121,7 +132,8 @@ absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::Localize
   CAIRN_ASSIGN_OR_RETURN(const auto undistorter, UndistorterFor(query.camera));
   CAIRN_ASSIGN_OR_RETURN(const cv::Mat image, undistorter->Undistort(query.image));
   const image::OrbExtractor extractor(snapshot_->info().orb);
-  CAIRN_ASSIGN_OR_RETURN(const image::Features features, extractor.Extract(image, options_.num_features));
+  CAIRN_ASSIGN_OR_RETURN(image::Features features, extractor.Extract(image, options_.num_features));
+  CorrectLens(*undistorter, &features);
   answer.extract_ms = MillisecondsSince(start);
 
   const auto extracted = Clock::now();

@@ -111,7 +111,8 @@ class Session::Impl {
     if (loops_) CAIRN_RETURN_IF_ERROR(loops_->Finish(mapper_.get()));
     mapper_->ReviseDirectPoses(DirectPoses());
     CAIRN_RETURN_IF_ERROR(mapper_->Finish());
-    const mapping::TrajectoryChoice choice = collinearity_.Choose(loops_ && !loops_->loops().empty());
+    const mapping::TrajectoryChoice choice = collinearity_.Choose(
+        loops_ && !loops_->loops().empty(), mapper_->lens() && mapper_->lens()->applied);
     trajectory_ = {choice.refined, choice.keyframes, choice.collinear, choice.reason};
     live_.Publish(mapper_->map(), mapper_->trajectory(), trajectory_.refined);
     CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, trajectory_, writer_));
@@ -222,6 +223,7 @@ class Session::Impl {
     const std::shared_ptr<const map::Snapshot> map = writer_->Current();
     SessionReport report;
     report.odometry = runner_->odometry().Statistics();
+    report.lens = mapper_->lens();
     report.trajectory = trajectory_;
     PosesInMap poses = live_.All(runner_->odometry());
     report.keyframe_poses = std::move(poses.keyframes);

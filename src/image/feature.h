@@ -1,7 +1,9 @@
 // ORB keypoints and their 256-bit descriptors (Rublee et al., "ORB: an efficient alternative to SIFT or SURF", 2011).
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -19,6 +21,9 @@ struct Keypoint {
 
   bool operator==(const Keypoint&) const = default;
 };
+
+// Coordinates are kept to 1/32 px, far finer than a corner can be found: map files then hold them in 16 bits.
+inline float KeptPosition(float position_px) { return std::max(0.0f, std::round(position_px * 32.0f) / 32.0f); }
 
 // Byte i of ORB's 32 bytes is byte i % 8 (counted from the least significant) of word i / 8.
 using Descriptor = std::array<std::uint64_t, 4>;

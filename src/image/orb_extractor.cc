@@ -41,9 +41,6 @@ std::vector<cv::Mat> BuildLevels(const cv::Mat& gray, const OrbParameters& param
   return levels;
 }
 
-// Coordinates are kept to 1/32 px, far finer than a corner can be found: map files then hold them in 16 bits.
-float ToGrid(float position_px) { return std::max(0.0f, std::round(position_px * 32.0f) / 32.0f); }
-
 // Appends the features of one level. OpenCV blurs the level and compares the pairs of its learned pattern.
 absl::Status DescribeLevel(const cv::Mat& level, const std::vector<internal::Corner>& corners, cv::Size full,
                            int octave, Features* features) {
@@ -56,9 +53,9 @@ absl::Status DescribeLevel(const cv::Mat& level, const std::vector<internal::Cor
     // Pixel centres are at integer coordinates: the corner of the image is at -0.5 on every level.
     Keypoint keypoint;
     keypoint.x_px =
-        ToGrid((refined.x + 0.5f) * (static_cast<float>(full.width) / static_cast<float>(level.cols)) - 0.5f);
+        KeptPosition((refined.x + 0.5f) * (static_cast<float>(full.width) / static_cast<float>(level.cols)) - 0.5f);
     keypoint.y_px =
-        ToGrid((refined.y + 0.5f) * (static_cast<float>(full.height) / static_cast<float>(level.rows)) - 0.5f);
+        KeptPosition((refined.y + 0.5f) * (static_cast<float>(full.height) / static_cast<float>(level.rows)) - 0.5f);
     keypoint.angle_rad = angle_rad;
     keypoint.octave = static_cast<std::uint8_t>(octave);
     features->keypoints.push_back(keypoint);

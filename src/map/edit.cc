@@ -67,17 +67,30 @@ Edit::Edit(std::shared_ptr<const Snapshot> base)
       next_keyframe_(base_->next_keyframe()),
       next_point_(base_->next_point()) {}
 
-const Pinhole& Edit::pinhole(CameraId id) const {
+const MapCamera& Edit::camera(CameraId id) const {
   for (const MapCamera& camera : cameras_) {
-    if (camera.id == id) return camera.pinhole;
+    if (camera.id == id) return camera;
   }
-  return base_->pinhole(id);
+  return base_->cameras().at(id);
 }
 
 CameraId Edit::AddCamera(MapCamera camera) {
-  camera.id = CameraId(static_cast<CameraId::Value>(base_->cameras().size() + cameras_.size() + 1));
+  const auto added = std::count_if(cameras_.begin(), cameras_.end(), [&](const MapCamera& other) {
+    return !base_->cameras().contains(other.id);
+  });
+  camera.id = CameraId(static_cast<CameraId::Value>(base_->cameras().size() + static_cast<std::size_t>(added) + 1));
   cameras_.push_back(std::move(camera));
   return cameras_.back().id;
+}
+
+void Edit::PutCamera(const MapCamera& camera) {
+  const auto known = std::find_if(cameras_.begin(), cameras_.end(),
+                                  [&](const MapCamera& other) { return other.id == camera.id; });
+  if (known != cameras_.end()) {
+    *known = camera;
+  } else {
+    cameras_.push_back(camera);
+  }
 }
 
 SessionId Edit::AddSession(Session session) {
@@ -194,6 +207,14 @@ void Edit::SetPose(KeyframeId id, const SE3& camera_from_map) {
   for (const PointId point_id : keyframe(id).points) {
     if (point_id) MarkStale(point_id, Stale::kViewing);
   }
+}
+
+void Edit::SetKeypoints(KeyframeId id, std::vector<image::Keypoint> keypoints) {
+  Keyframe& keyframe = MutableKeyframe(id);
+  auto features = std::make_shared<KeyframeFeatures>(*keyframe.features);
+  features->features.keypoints = std::move(keypoints);
+  keyframe.features = std::move(features);
+  moved_keypoints_.insert(id);
 }
 
 void Edit::SetPosition(PointId id, const Vector3d& position) {
@@ -357,6 +378,9 @@ Delta Edit::Finish(std::string reason) {
   delta.reason = std::move(reason);
   delta.info = std::move(info_);
   delta.cameras = std::move(cameras_);
+  for (const KeyframeId id : moved_keypoints_) {
+    if (FindKeyframe(id) != nullptr) delta.moved_keypoints.push_back(id);
+  }
   delta.sessions = std::move(sessions_);
   delta.next_keyframe = next_keyframe_;
   delta.next_point = next_point_;

@@ -29,11 +29,13 @@ class Edit {
   // before the first change of an entity keeps showing the old value.
   const Keyframe& keyframe(KeyframeId id) const { return *FindKeyframe(id); }
   const MapPoint& point(PointId id) const { return *FindPoint(id); }
-  const Pinhole& pinhole(CameraId id) const;
+  const MapCamera& camera(CameraId id) const;
+  const Pinhole& pinhole(CameraId id) const { return camera(id).pinhole; }
   KeyframeId next_keyframe() const { return next_keyframe_; }  // above every id
 
   void SetInfo(MapInfo info) { info_ = std::move(info); }
   CameraId AddCamera(MapCamera camera);     // gives the id
+  void PutCamera(const MapCamera& camera);  // replaces an existing one
   SessionId AddSession(Session session);    // gives the id
   void PutSession(const Session& session);  // replaces an existing one
 
@@ -57,6 +59,8 @@ class Edit {
   void FusePoints(PointId from, PointId into);
 
   void SetPose(KeyframeId id, const SE3& camera_from_map);
+  // As many as before, in the same order; descriptors and words stay.
+  void SetKeypoints(KeyframeId id, std::vector<image::Keypoint> keypoints);
   void SetPosition(PointId id, const Vector3d& position);
   void AddVisibility(PointId id, int visible, int found);
 
@@ -92,6 +96,7 @@ class Edit {
   std::vector<Session> sessions_;
   Draft<KeyframeId, Keyframe> keyframes_;
   Draft<PointId, MapPoint> points_;  // marked with their Stale
+  std::set<KeyframeId> moved_keypoints_;
   std::set<KeyframeId> stale_covisibility_;
   std::vector<int> shared_;            // of UpdateCovisibility()
   std::vector<PointId> stale_points_;  // once marked so

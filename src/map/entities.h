@@ -11,6 +11,7 @@
 #include "base/ids.h"
 #include "base/time.h"
 #include "geometry/camera.h"
+#include "geometry/lens_correction.h"
 #include "geometry/pinhole.h"
 #include "geometry/se3.h"
 #include "image/feature.h"
@@ -22,6 +23,9 @@ struct MapCamera {
   std::string name;
   Camera model;     // as calibrated, of the raw images
   Pinhole pinhole;  // of the undistorted images, in which all keypoints are given
+  // What a session found that the calibration leaves over in undistorted images; keypoints are corrected by it, so that
+  // `pinhole` is right for them (map/lens.h).
+  std::optional<LensCorrection> lens;
   bool operator==(const MapCamera&) const = default;
 };
 

@@ -51,16 +51,18 @@ void CollinearityCounter::Update(const map::Snapshot& map, KeyframeId id) {
   }
 }
 
-TrajectoryChoice CollinearityCounter::Choose(bool loop_closed) const {
+TrajectoryChoice CollinearityCounter::Choose(bool loop_closed, bool lens_corrected) const {
   TrajectoryChoice choice;
   choice.keyframes = keyframes_;
   choice.collinear = static_cast<int>(collinear_.size());
   if (keyframes_ > 0) choice.collinear_share = static_cast<double>(choice.collinear) / keyframes_;
-  choice.refined = loop_closed || choice.collinear_share < options_.max_collinear_share;
+  choice.refined = loop_closed || lens_corrected || choice.collinear_share < options_.max_collinear_share;
   const std::string share =
       absl::StrCat(choice.collinear, " of ", keyframes_, " keyframes have collinear covisibility links");
   if (loop_closed) {
     choice.reason = "refined: a loop was closed";
+  } else if (lens_corrected) {
+    choice.reason = "refined: the lens was corrected, which the odometry did not know";
   } else {
     choice.reason = absl::StrCat(choice.refined ? "refined: only " : "direct: ", share);
   }

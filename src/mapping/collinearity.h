@@ -42,7 +42,8 @@ class CollinearityCounter {
   // verdict.
   void Update(const map::Snapshot& map, KeyframeId keyframe);
 
-  TrajectoryChoice Choose(bool loop_closed) const;
+  // `lens_corrected`: the map was made with another lens than the direct module's (mapping/lens_refinement.h).
+  TrajectoryChoice Choose(bool loop_closed, bool lens_corrected = false) const;
 
  private:
   bool IsCollinear(const map::Snapshot& map, const map::Keyframe& keyframe) const;

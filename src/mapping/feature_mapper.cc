@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "map/lens.h"
 #include "mapping/direct_trajectory.h"
 #include "mapping/feature_mapper_impl.h"
 #include "mapping/stopwatch.h"
@@ -38,9 +39,10 @@ absl::Status FeatureMapper::Impl::Extract(Current* current) {
   current->features = std::make_shared<map::KeyframeFeatures>();
   CAIRN_ASSIGN_OR_RETURN(current->features->features,
                          extractor_.Extract(packet.frame.image, NumFeatures(packet.keyframe_rate_hz)));
-  const auto& keypoints = current->features->features.keypoints;
-  current->grid = image::FeatureGrid(keypoints, pinhole_.width_px, pinhole_.height_px);
+  auto& keypoints = current->features->features.keypoints;
   current->depths = KeypointDepths(keypoints, packet.points);
+  map::CorrectKeypoints(map_->cameras().at(camera_), keypoints);
+  current->grid = image::FeatureGrid(keypoints, pinhole_.width_px, pinhole_.height_px);
   for (const KeypointDepth& depth : current->depths) current->num_depths += depth.known() ? 1 : 0;
   return absl::OkStatus();
 }
@@ -90,27 +92,48 @@ absl::Status FeatureMapper::Impl::Continue(Current* current) {
   return Lose(seed.camera_from_map, current);
 }
 
+// Over all that the session added; the lens of its camera in between, as soon as poses and points agree with it as it is
+// calibrated.
+absl::Status FeatureMapper::Impl::AdjustSession(const std::vector<KeyframeId>& own) {
+  map::Edit edit(map_);
+  LocalAdjustmentOptions adjustment;
+  adjustment.first_iterations = options_.final_iterations;
+  adjustment.second_iterations = options_.final_iterations;
+  // What is bent over many keyframes costs little and straightens slowly.
+  adjustment.function_tolerance = options_.final_tolerance;
+  adjustment.max_fixed_keyframes = 0;
+  absl::Status adjusted = AdjustKeyframes(edit, own, adjustment).status();
+  if (absl::IsInternal(adjusted)) return absl::OkStatus();  // no better answer: the map stays as it was
+  CAIRN_RETURN_IF_ERROR(adjusted);
+  CAIRN_ASSIGN_OR_RETURN(lens_, RefineLens(edit, own, camera_, options_.lens));
+  adjustment.noise_iterations = options_.noise_iterations;
+  adjustment.rotations = DirectRotations(trajectory_.entries(), *map_);
+  adjusted = AdjustKeyframes(edit, own, adjustment).status();
+  if (!absl::IsInternal(adjusted)) CAIRN_RETURN_IF_ERROR(adjusted);
+  CAIRN_RETURN_IF_ERROR(CommitEdit(std::move(edit), "bundle adjustment of the session"));
+  if (lens_ && lens_->applied) CorrectViews();
+  return absl::OkStatus();
+}
+
+void FeatureMapper::Impl::CorrectViews() {
+  const map::MapCamera& camera = map_->cameras().at(camera_);
+  for (ViewRecord& view : views_) {
+    for (ViewRecord::Sight& sight : view.sights) {
+      const auto ideal = camera.lens->Ideal(camera.pinhole, {sight.x_px, sight.y_px});
+      if (!ideal) continue;
+      sight.x_px = static_cast<float>(ideal->x());
+      sight.y_px = static_cast<float>(ideal->y());
+    }
+  }
+}
+
 absl::Status FeatureMapper::Impl::Finish() {
   std::vector<KeyframeId> own;
   map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
     if (keyframe->session == session_) own.push_back(keyframe->id);
   });
   if (own.size() >= 2 && static_cast<int>(own.size()) <= options_.max_final_keyframes) {
-    map::Edit edit(map_);
-    LocalAdjustmentOptions adjustment;
-    adjustment.first_iterations = options_.final_iterations;
-    adjustment.second_iterations = options_.final_iterations;
-    // What is bent over many keyframes costs little and straightens slowly.
-    adjustment.function_tolerance = options_.final_tolerance;
-    adjustment.max_fixed_keyframes = 0;
-    adjustment.noise_iterations = options_.noise_iterations;
-    adjustment.rotations = DirectRotations(trajectory_.entries(), *map_);
-    const auto adjusted = AdjustKeyframes(edit, own, adjustment);
-    if (adjusted.ok()) {
-      CAIRN_RETURN_IF_ERROR(CommitEdit(std::move(edit), "bundle adjustment of the session"));
-    } else if (!absl::IsInternal(adjusted.status())) {
-      return adjusted.status();
-    }
+    CAIRN_RETURN_IF_ERROR(AdjustSession(own));
   }
   auto& entries = trajectory_.entries();
   for (std::size_t i = 0; i < entries.size(); ++i) {
@@ -163,6 +186,7 @@ void FeatureMapper::ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3
 const tracking::PlaceDatabase* FeatureMapper::places() const { return impl_->places(); }
 const KeyframeTrajectory& FeatureMapper::trajectory() const { return impl_->trajectory(); }
 const std::shared_ptr<const map::Snapshot>& FeatureMapper::map() const { return impl_->map(); }
+const std::optional<LensReport>& FeatureMapper::lens() const { return impl_->lens(); }
 FeatureState FeatureMapper::state() const { return impl_->state(); }
 std::vector<TrajectoryKeyframe> FeatureMapper::Trajectory(const map::Snapshot& snapshot) const {
   return impl_->trajectory().Resolve(snapshot);

@@ -91,6 +91,9 @@ class FeatureMapper {
   // poses of the keyframes that were not inserted refined once more against the final map.
   absl::Status Finish();
 
+  // After Finish(): what the map says of the camera's lens; nothing if it was not asked.
+  const std::optional<LensReport>& lens() const;
+
   // What the direct module has made of its keyframes' poses since their packets, which may have come while it still
   // worked on them: direct_from_camera by the number of the direct keyframe. Call before Trajectory() at the end.
   void ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& direct_from_camera);

@@ -63,6 +63,7 @@ class FeatureMapper::Impl {
   const tracking::PlaceDatabase* places() const { return places_ ? &*places_ : nullptr; }
   FeatureState state() const { return state_; }
   const KeyframeTrajectory& trajectory() const { return trajectory_; }
+  const std::optional<LensReport>& lens() const { return lens_; }
 
  private:
   // One packet on its way through.
@@ -92,6 +93,8 @@ class FeatureMapper::Impl {
   absl::StatusOr<bool> Relocate(Current* current);
   bool MayGoOnAt(KeyframeId place, const direct::KeyframePacket& packet) const;
   absl::Status Accept(Current* current);
+  absl::Status AdjustSession(const std::vector<KeyframeId>& own);
+  void CorrectViews();
   absl::Status Lose(const SE3& guess, Current* current);
   absl::Status Start(const SE3& camera_from_map, double map_per_direct, KeyframeId parent, Current* current);
   bool ShouldInsert(const Current& current) const;
@@ -125,6 +128,7 @@ class FeatureMapper::Impl {
   KeyframeTrajectory trajectory_;
   std::vector<ViewRecord> views_;  // per trajectory entry; empty for keyframes in the map
 
+  std::optional<LensReport> lens_;
   FeatureState state_ = FeatureState::kInitializing;
   Last last_;
   double median_depth_ = 1.0;  // of the scene, map units

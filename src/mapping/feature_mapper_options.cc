@@ -41,7 +41,7 @@ absl::Status FeatureMapperOptions::Validate() const {
   if (!(redundant_share > 0.0 && redundant_share <= 1.0)) return bad("redundant_share must be in (0, 1]");
   if (redundant_observers < 1) return bad("redundant_observers must be at least 1");
   if (max_attempts < 1) return bad("max_attempts must be at least 1");
-  return absl::OkStatus();
+  return lens.Validate();
 }
 
 }  // namespace cairn::mapping

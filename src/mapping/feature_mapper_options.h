@@ -4,6 +4,7 @@
 #pragma once
 
 #include "absl/status/status.h"
+#include "mapping/lens_refinement.h"
 
 namespace cairn::mapping {
 
@@ -67,6 +68,9 @@ struct FeatureMapperOptions {
   int final_iterations = 30;
   int noise_iterations =
       30;  // of it by the noise that the observations show, and with the odometry's rotations; 0: none
+
+  // ... after which it says whether the camera is as calibrated.
+  LensRefinementOptions lens;
 
   // Culling.
   double min_found_ratio = 0.25;  // of a new point, and of any that was to be seen as often as ...

@@ -2,110 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
-#include <unordered_map>
 
-#include "base/dense_ids.h"
+#include "mapping/adjustment_problem.h"
+#include "mapping/adjustment_problem.h"
 
 namespace cairn::mapping {
 namespace {
 
-using optimization::BundleProblem;
-
-struct Built {
-  BundleProblem problem;
-  std::vector<KeyframeId> keyframes;         // per pose
-  std::vector<PointId> points;               // per point
-  std::optional<std::uint32_t> only_anchor;  // the pose that alone holds the problem: its scale is free
-};
-
-std::vector<PointId> PointsOf(const map::Edit& edit, std::span<const KeyframeId> keyframes) {
-  std::vector<PointId> points;
-  for (const KeyframeId id : keyframes) {
-    for (const PointId point : edit.keyframe(id).points) {
-      // A single ray adds nothing.
-      if (point && edit.point(point).observations.size() >= 2) points.push_back(point);
-    }
-  }
-  SortUnique(&points);
-  return points;
-}
-
-// The keyframes that are not free but see the points, most points first.
-std::vector<KeyframeId> Observers(const map::Edit& edit, std::span<const PointId> points,
-                                  std::span<const KeyframeId> free, int max_count) {
-  std::vector<int> count(edit.next_keyframe().value(), 0);
-  for (const PointId point : points) {
-    for (const map::Observation& observation : edit.point(point).observations) ++count[observation.keyframe.value()];
-  }
-  for (const KeyframeId id : free) count[id.value()] = 0;
-  std::vector<std::pair<int, KeyframeId>> order;
-  for (std::uint32_t id = 0; id < count.size(); ++id) {
-    if (count[id] > 0) order.emplace_back(-count[id], KeyframeId(id));
-  }
-  std::sort(order.begin(), order.end());
-  if (max_count > 0 && static_cast<int>(order.size()) > max_count) order.resize(static_cast<std::size_t>(max_count));
-  std::vector<KeyframeId> observers;
-  for (const auto& [seen, id] : order) observers.push_back(id);
-  return observers;
-}
-
-Built Build(const map::Edit& edit, std::span<const KeyframeId> free, const LocalAdjustmentOptions& options) {
-  Built built;
-  built.points = PointsOf(edit, free);
-  const std::vector<KeyframeId> fixed = Observers(edit, built.points, free, options.max_fixed_keyframes);
-  built.keyframes.assign(free.begin(), free.end());
-  built.keyframes.insert(built.keyframes.end(), fixed.begin(), fixed.end());
-  const bool floats = fixed.empty() && options.priors.empty();
-  const KeyframeId anchor = floats ? *std::min_element(free.begin(), free.end()) : KeyframeId();
-
-  if (floats) {
-    const auto at = std::find(built.keyframes.begin(), built.keyframes.end(), anchor);
-    built.only_anchor = static_cast<std::uint32_t>(at - built.keyframes.begin());
-  }
-
-  std::unordered_map<CameraId, std::uint32_t> camera_of;
-  constexpr auto kNone = static_cast<std::uint32_t>(-1);
-  std::vector<std::uint32_t> pose_of(edit.next_keyframe().value(), kNone);
-  std::vector<const image::Keypoint*> keypoints;
-  for (std::uint32_t i = 0; i < built.keyframes.size(); ++i) {
-    const map::Keyframe& keyframe = edit.keyframe(built.keyframes[i]);
-    const auto [camera, added] =
-        camera_of.try_emplace(keyframe.camera, static_cast<std::uint32_t>(built.problem.cameras.size()));
-    if (added) built.problem.cameras.push_back(edit.pinhole(keyframe.camera));
-    pose_of[keyframe.id.value()] = i;
-    keypoints.push_back(keyframe.keypoints().data());
-    built.problem.poses.push_back(
-        {keyframe.camera_from_map, camera->second, i >= free.size() || keyframe.id == anchor || options.hold_poses});
-  }
-  for (const KeyframePrior& prior : options.priors) {
-    const std::uint32_t pose = pose_of[prior.keyframe.value()];
-    if (pose == kNone || pose >= free.size()) continue;
-    built.problem.priors.push_back({pose, prior.camera_from_map, prior.position_sigma, prior.rotation_sigma_rad});
-  }
-  for (const KeyframeRotation& rotation : options.rotations) {
-    const std::uint32_t a = pose_of[rotation.a.value()], b = pose_of[rotation.b.value()];
-    if (a == kNone || b == kNone) continue;
-    built.problem.rotations.push_back({a, b, rotation.b_from_a, static_cast<double>(rotation.steps)});
-  }
-  std::vector<double> sigma;
-  for (int octave = 0; octave < edit.info().orb.num_levels; ++octave) sigma.push_back(edit.info().orb.Scale(octave));
-  for (std::uint32_t p = 0; p < built.points.size(); ++p) {
-    const map::MapPoint& point = edit.point(built.points[p]);
-    built.problem.points.push_back(point.position);
-    for (const map::Observation& observation : point.observations) {
-      const std::uint32_t pose = pose_of[observation.keyframe.value()];
-      if (pose == kNone) continue;
-      const image::Keypoint& keypoint = keypoints[pose][observation.feature];
-      built.problem.observations.push_back({pose, p, Vector2d(keypoint.x_px, keypoint.y_px), sigma[keypoint.octave]});
-    }
-  }
-  return built;
-}
-
 // Nothing in the images tells the scale of a map that hangs on one pose: it may have wandered, and others keep lengths
 // in it. The distances of the points from the anchor's camera become, in the middle, what they were.
-void KeepScale(const Built& built, std::uint32_t anchor, optimization::BundleResult* result) {
+void KeepScale(const AdjustmentProblem& built, std::uint32_t anchor, optimization::BundleResult* result) {
   const Vector3d origin = built.problem.poses[anchor].camera_from_map.Inverse().translation();
   std::vector<double> ratios;
   for (std::size_t i = 0; i < result->points.size(); ++i) {
@@ -131,7 +37,7 @@ bool Moves(const SE3& from, const SE3& to, double depth) {
 }
 
 // Poses and points of the result, where they differ.
-void Store(const Built& built, const optimization::BundleResult& result, map::Edit& edit) {
+void Store(const AdjustmentProblem& built, const optimization::BundleResult& result, map::Edit& edit) {
   std::vector<int> inliers(built.points.size(), 0);
   std::vector<double> depth(built.points.size(), 0.0);          // in the nearest camera
   std::vector<double> pose_depth(built.keyframes.size(), 0.0);  // of the nearest point
@@ -170,7 +76,7 @@ absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span
                                                       const LocalAdjustmentOptions& options) {
   LocalAdjustmentReport report;
   if (free.empty()) return report;
-  const Built built = Build(edit, free, options);
+  const AdjustmentProblem built = BuildAdjustmentProblem(edit, free, options);
   report.keyframes = static_cast<int>(free.size());
   report.fixed_keyframes = static_cast<int>(built.keyframes.size() - free.size());
   report.points = static_cast<int>(built.points.size());

@@ -24,51 +24,6 @@ using internal::PoseToBlock;
 
 absl::Status Invalid(const std::string& what) { return absl::InvalidArgumentError("bundle adjustment: " + what); }
 
-absl::Status Check(const BundleProblem& problem) {
-  bool anchored = false, free = !problem.points.empty();
-  for (std::size_t i = 0; i < problem.poses.size(); ++i) {
-    const BundlePose& pose = problem.poses[i];
-    if (pose.camera >= problem.cameras.size()) return Invalid(absl::StrCat("pose ", i, " has no camera"));
-    if (!pose.camera_from_map.Matrix().allFinite()) return Invalid(absl::StrCat("pose ", i, " is not finite"));
-    anchored |= pose.fixed;
-    free |= !pose.fixed;
-  }
-  for (std::size_t i = 0; i < problem.points.size(); ++i) {
-    if (!problem.points[i].allFinite()) return Invalid(absl::StrCat("point ", i, " is not finite"));
-  }
-  for (std::size_t i = 0; i < problem.observations.size(); ++i) {
-    const BundleObservation& o = problem.observations[i];
-    if (o.pose >= problem.poses.size() || o.point >= problem.points.size()) {
-      return Invalid(absl::StrCat("observation ", i, " refers to a pose or point that does not exist"));
-    }
-    if (!o.pixel.allFinite() || !(o.sigma_px > 0.0) || !std::isfinite(o.sigma_px)) {
-      return Invalid(absl::StrCat("observation ", i, " is not finite or its sigma_px is not positive"));
-    }
-  }
-  for (std::size_t i = 0; i < problem.priors.size(); ++i) {
-    const BundlePrior& prior = problem.priors[i];
-    if (prior.pose >= problem.poses.size()) return Invalid(absl::StrCat("prior ", i, " refers to no pose"));
-    if (!prior.camera_from_map.Matrix().allFinite() || !(prior.position_sigma > 0.0) ||
-        !(prior.rotation_sigma_rad > 0.0)) {
-      return Invalid(absl::StrCat("prior ", i, " is not finite or a sigma is not positive"));
-    }
-    anchored = true;
-  }
-  for (std::size_t i = 0; i < problem.rotations.size(); ++i) {
-    const BundleRotation& rotation = problem.rotations[i];
-    if (rotation.pose_a >= problem.poses.size() || rotation.pose_b >= problem.poses.size() ||
-        rotation.pose_a == rotation.pose_b) {
-      return Invalid(absl::StrCat("rotation ", i, " does not relate two poses"));
-    }
-    if (!rotation.b_from_a.coeffs().allFinite() || !(rotation.steps > 0.0)) {
-      return Invalid(absl::StrCat("rotation ", i, " is not finite or its steps are not positive"));
-    }
-  }
-  if (!free) return absl::FailedPreconditionError("bundle adjustment: nothing to adjust");
-  if (!anchored) return absl::FailedPreconditionError("bundle adjustment: no pose is fixed or has a prior");
-  return absl::OkStatus();
-}
-
 constexpr double kRotationThreshold = 2.7955;  // sqrt(7.815): chi-square of 3 degrees of freedom, 95 %
 
 class StopCallback final : public ceres::IterationCallback {
@@ -291,9 +246,54 @@ absl::Status BundleAdjustmentOptions::Validate() const {
   return absl::OkStatus();
 }
 
+absl::Status CheckProblem(const BundleProblem& problem) {
+  bool anchored = false, free = !problem.points.empty();
+  for (std::size_t i = 0; i < problem.poses.size(); ++i) {
+    const BundlePose& pose = problem.poses[i];
+    if (pose.camera >= problem.cameras.size()) return Invalid(absl::StrCat("pose ", i, " has no camera"));
+    if (!pose.camera_from_map.Matrix().allFinite()) return Invalid(absl::StrCat("pose ", i, " is not finite"));
+    anchored |= pose.fixed;
+    free |= !pose.fixed;
+  }
+  for (std::size_t i = 0; i < problem.points.size(); ++i) {
+    if (!problem.points[i].allFinite()) return Invalid(absl::StrCat("point ", i, " is not finite"));
+  }
+  for (std::size_t i = 0; i < problem.observations.size(); ++i) {
+    const BundleObservation& o = problem.observations[i];
+    if (o.pose >= problem.poses.size() || o.point >= problem.points.size()) {
+      return Invalid(absl::StrCat("observation ", i, " refers to a pose or point that does not exist"));
+    }
+    if (!o.pixel.allFinite() || !(o.sigma_px > 0.0) || !std::isfinite(o.sigma_px)) {
+      return Invalid(absl::StrCat("observation ", i, " is not finite or its sigma_px is not positive"));
+    }
+  }
+  for (std::size_t i = 0; i < problem.priors.size(); ++i) {
+    const BundlePrior& prior = problem.priors[i];
+    if (prior.pose >= problem.poses.size()) return Invalid(absl::StrCat("prior ", i, " refers to no pose"));
+    if (!prior.camera_from_map.Matrix().allFinite() || !(prior.position_sigma > 0.0) ||
+        !(prior.rotation_sigma_rad > 0.0)) {
+      return Invalid(absl::StrCat("prior ", i, " is not finite or a sigma is not positive"));
+    }
+    anchored = true;
+  }
+  for (std::size_t i = 0; i < problem.rotations.size(); ++i) {
+    const BundleRotation& rotation = problem.rotations[i];
+    if (rotation.pose_a >= problem.poses.size() || rotation.pose_b >= problem.poses.size() ||
+        rotation.pose_a == rotation.pose_b) {
+      return Invalid(absl::StrCat("rotation ", i, " does not relate two poses"));
+    }
+    if (!rotation.b_from_a.coeffs().allFinite() || !(rotation.steps > 0.0)) {
+      return Invalid(absl::StrCat("rotation ", i, " is not finite or its steps are not positive"));
+    }
+  }
+  if (!free) return absl::FailedPreconditionError("bundle adjustment: nothing to adjust");
+  if (!anchored) return absl::FailedPreconditionError("bundle adjustment: no pose is fixed or has a prior");
+  return absl::OkStatus();
+}
+
 absl::StatusOr<BundleResult> AdjustBundle(const BundleProblem& problem, const BundleAdjustmentOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
-  CAIRN_RETURN_IF_ERROR(Check(problem));
+  CAIRN_RETURN_IF_ERROR(CheckProblem(problem));
   return Adjuster(problem, options).Run();
 }
 

@@ -89,9 +89,11 @@ struct BundleResult {
   bool interrupted = false;         // by options.stop
 };
 
-// InvalidArgument: bad options, indices out of range, values that are not finite, sigmas that are not positive.
-// FailedPrecondition: no pose is fixed or has a prior (the problem would float), or nothing is free.
-// Internal: the solver failed.
+// InvalidArgument: indices out of range, values that are not finite, sigmas that are not positive. FailedPrecondition: no
+// pose is fixed or has a prior (the problem would float), or nothing is free.
+absl::Status CheckProblem(const BundleProblem& problem);
+
+// As CheckProblem(). InvalidArgument: bad options. Internal: the solver failed.
 absl::StatusOr<BundleResult> AdjustBundle(const BundleProblem& problem, const BundleAdjustmentOptions& options = {});
 
 }  // namespace cairn::optimization

@@ -1,6 +1,7 @@
 #include "optimization/ceres_costs.h"
 
 #include <Eigen/LU>
+#include <cmath>
 
 #include "optimization/reprojection.h"
 
@@ -66,6 +67,55 @@ bool ReprojectionCost::Evaluate(double const* const* parameters, double* residua
     Eigen::Map<Row3> j(jacobians[1]);
     j = weight_ * ReprojectionByPoint(pinhole_, matrix, point_c);
   }
+  return true;
+}
+
+bool LensReprojectionCost::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+  const Eigen::Map<const Quaterniond> rotation(parameters[0]);
+  const Eigen::Map<const Vector3d> translation(parameters[0] + 4);
+  const Eigen::Map<const Vector3d> point(parameters[1]);
+  const double focal_scale = std::exp(parameters[2][0]), k1 = parameters[2][1], k2 = parameters[2][2];
+  const Matrix3d matrix = rotation.toRotationMatrix();
+  const Vector3d point_c = matrix * point + translation;
+  if (!InFront(point_c)) return false;
+  const Vector2d plane = point_c.head<2>() / point_c.z();
+  const double r2 = plane.squaredNorm(), radial = 1.0 + r2 * (k1 + r2 * k2);
+  const Vector2d focal = weight_ * focal_scale * Vector2d(pinhole_.fx_px, pinhole_.fy_px);
+  const Vector2d seen = radial * focal.cwiseProduct(plane);
+  Eigen::Map<Vector2d> r(residuals);
+  r = seen + weight_ * (Vector2d(pinhole_.cx_px, pinhole_.cy_px) - pixel_);
+  if (jacobians == nullptr) return true;
+  // By the plane: radial I + x (2 k1 + 4 k2 r^2) x^T; the plane by the point in the camera.
+  const Eigen::Matrix2d by_plane = focal.asDiagonal() *
+                      (radial * Eigen::Matrix2d::Identity() + (2.0 * k1 + 4.0 * k2 * r2) * plane * plane.transpose()).eval();
+  Eigen::Matrix<double, 2, 3> plane_by_point;
+  plane_by_point << 1.0, 0.0, -plane.x(), 0.0, 1.0, -plane.y();
+  const Eigen::Matrix<double, 2, 3> by_camera_point = by_plane * plane_by_point / point_c.z();
+  if (jacobians[0] != nullptr) {
+    Eigen::Map<Row7> j(jacobians[0]);
+    j.leftCols<3>() = by_camera_point;
+    j.middleCols<3>(3) = -by_camera_point * Hat(point_c);
+    j.col(6).setZero();
+  }
+  if (jacobians[1] != nullptr) {
+    Eigen::Map<Row3> j(jacobians[1]);
+    j = by_camera_point * matrix;
+  }
+  if (jacobians[2] != nullptr) {
+    Eigen::Map<Row3> j(jacobians[2]);
+    j.col(0) = seen;
+    j.col(1) = r2 * focal.cwiseProduct(plane);
+    j.col(2) = r2 * j.col(1);
+  }
+  return true;
+}
+
+bool LensPriorCost::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+  Eigen::Map<Vector3d> r(residuals);
+  r = weights_.cwiseProduct(Eigen::Map<const Vector3d>(parameters[0]));
+  if (jacobians == nullptr || jacobians[0] == nullptr) return true;
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> j(jacobians[0]);
+  j = weights_.asDiagonal();
   return true;
 }
 

@@ -40,6 +40,30 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 7, 3> {
   double weight_;
 };
 
+// The same for a camera whose lens is unknown, too (geometry/lens_correction.h). Blocks: pose, point, lens: log
+// focal_scale, k1, k2.
+class LensReprojectionCost final : public ceres::SizedCostFunction<2, 7, 3, 3> {
+ public:
+  LensReprojectionCost(const Pinhole& pinhole, const Vector2d& pixel, double sigma_px)
+      : pinhole_(pinhole), pixel_(pixel), weight_(1.0 / sigma_px) {}
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override;
+
+ private:
+  const Pinhole& pinhole_;
+  Vector2d pixel_;
+  double weight_;
+};
+
+// (log focal_scale, k1, k2) against none, over their standard deviations. Block: lens.
+class LensPriorCost final : public ceres::SizedCostFunction<3, 3> {
+ public:
+  explicit LensPriorCost(const Vector3d& sigmas) : weights_(sigmas.cwiseInverse()) {}
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override;
+
+ private:
+  Vector3d weights_;
+};
+
 // Difference of the camera centres over the position sigma, then of the rotations, Log(R R0^-1), over the rotation
 // sigma.
 class PosePriorCost final : public ceres::SizedCostFunction<6, 7> {

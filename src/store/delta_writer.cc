@@ -78,6 +78,8 @@ absl::StatusOr<std::unique_ptr<DeltaWriter>> DeltaWriter::Prepare(Database* data
       {&writer->select_map_, kMapTable.SelectSql("WHERE id = 1")},
       {&writer->put_map_, kMapTable.UpsertSql()},
       {&writer->put_camera_, kCamerasTable.UpsertSql()},
+      {&writer->put_lens_, kLensesTable.UpsertSql()},
+      {&writer->delete_lens_, "DELETE FROM lenses WHERE camera = ?"},
       {&writer->put_session_, kSessionsTable.UpsertSql()},
       {&writer->put_loop_, kLoopsTable.UpsertSql()},
       {&writer->delete_loops_, "DELETE FROM loops WHERE session = ?"},
@@ -136,6 +138,7 @@ absl::Status DeltaWriter::Write(const map::Delta& delta, MapRow* map_row) {
   CAIRN_RETURN_IF_ERROR(CheckIds(delta.keyframes, next_keyframe, "keyframe"));
   CAIRN_RETURN_IF_ERROR(CheckIds(delta.points, next_point, "point"));
   for (const auto& keyframe : delta.keyframes) CAIRN_RETURN_IF_ERROR(PutKeyframe(*keyframe, map_row));
+  CAIRN_RETURN_IF_ERROR(PutMovedKeypoints(delta));
   for (const auto& keyframe : delta.keyframes) CAIRN_RETURN_IF_ERROR(PutEdges(*keyframe, map_row));
   for (const auto& point : delta.points) CAIRN_RETURN_IF_ERROR(PutPoint(*point, map_row));
 
@@ -180,7 +183,14 @@ absl::Status DeltaWriter::PutCamera(const map::MapCamera& camera) {
   std::string distortion_blob;
   const Row row = RowOf(camera, &distortion_blob);
   row.BindWithChecksum(&put_camera_);
-  return put_camera_.Run();
+  CAIRN_RETURN_IF_ERROR(put_camera_.Run());
+  CAIRN_RETURN_IF_ERROR(delete_lens_.RunWith(camera.id.value()));
+  if (!camera.lens) return absl::OkStatus();
+  CAIRN_RETURN_IF_ERROR(Annotate(camera.lens->Validate(), "change rejected"));
+  const LensRow lens{camera.id, *camera.lens};
+  const Row lens_row = RowOf(lens);
+  lens_row.BindWithChecksum(&put_lens_);
+  return put_lens_.Run();
 }
 
 absl::Status DeltaWriter::PutSession(const map::Session& session) {
@@ -261,6 +271,18 @@ absl::Status DeltaWriter::PutFeatures(const map::Keyframe& keyframe) {
   put_features_.Bind(++parameter, AsBytes(packed.descriptors));
   put_features_.Bind(++parameter, AsBytes(packed.words));
   return put_features_.Run();
+}
+
+absl::Status DeltaWriter::PutMovedKeypoints(const map::Delta& delta) {
+  auto next = delta.keyframes.begin();
+  for (const KeyframeId id : delta.moved_keypoints) {
+    while (next != delta.keyframes.end() && (*next)->id < id) ++next;
+    if (next == delta.keyframes.end() || (*next)->id != id) {
+      return Rejected(absl::StrCat("the keypoints of keyframe ", id.value(), " moved, but it is not among the changed"));
+    }
+    CAIRN_RETURN_IF_ERROR(PutFeatures(**next));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status DeltaWriter::PutPointIds(const map::Keyframe& keyframe, bool is_new) {

@@ -34,6 +34,7 @@ class DeltaWriter {
   // Leaves the row alone if it is the same already.
   absl::Status PutKeyframeRow(const map::Keyframe& keyframe, bool is_new);
   absl::Status PutFeatures(const map::Keyframe& keyframe);
+  absl::Status PutMovedKeypoints(const map::Delta& delta);
   absl::Status PutPointIds(const map::Keyframe& keyframe, bool is_new);
   absl::Status PutEdges(const map::Keyframe& keyframe, MapRow* map_row);
   absl::Status PutPoint(const map::MapPoint& point, MapRow* map_row);
@@ -41,7 +42,7 @@ class DeltaWriter {
 
   Database* database_;
   Statement select_map_, put_map_;
-  Statement put_camera_, put_session_, put_loop_, delete_loops_, put_trajectory_, delete_trajectory_;
+  Statement put_camera_, put_lens_, delete_lens_, put_session_, put_loop_, delete_loops_, put_trajectory_, delete_trajectory_;
   Statement select_keyframe_, put_keyframe_, delete_keyframe_;
   Statement put_features_, count_features_, delete_features_;
   Statement select_point_ids_, put_point_ids_, delete_point_ids_;

@@ -114,6 +114,9 @@ std::string ContentDigest(const map::Snapshot& snapshot) {
     hasher.AddCount(camera.model.distortion.size());
     for (const double value : camera.model.distortion) hasher.Add(value);
     hasher.Add(camera.pinhole);
+    if (camera.lens) {
+      for (const double value : {camera.lens->focal_scale, camera.lens->k1, camera.lens->k2}) hasher.Add(value);
+    }
   }
   hasher.AddCount(snapshot.sessions().size());
   for (const auto& [id, session] : snapshot.sessions()) {

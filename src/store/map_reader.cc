@@ -64,6 +64,7 @@ absl::Status MapReader::ReadInfo() {
 absl::Status MapReader::ReadEntities() {
   CAIRN_RETURN_IF_ERROR(ReadTable<map::MapCamera>(
       kCamerasTable, [&](map::MapCamera&& value) { content_.cameras.push_back(std::move(value)); }));
+  CAIRN_RETURN_IF_ERROR(ReadLenses());
   CAIRN_RETURN_IF_ERROR(ReadTable<map::Session>(
       kSessionsTable, [&](map::Session&& value) { content_.sessions.push_back(std::move(value)); }));
   CAIRN_RETURN_IF_ERROR(ReadTrajectories());
@@ -75,6 +76,23 @@ absl::Status MapReader::ReadEntities() {
   CAIRN_RETURN_IF_ERROR(ReadTable<PointRow>(kPointsTable, [&](PointRow&& value) { points_.push_back(value); }));
   CAIRN_RETURN_IF_ERROR(ReadTable<EdgeRow>(kCovisibilityTable, [&](EdgeRow&& value) { edges_.push_back(value); }));
   return CheckCounts();
+}
+
+absl::Status MapReader::ReadLenses() {
+  CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database_->QueryInt("PRAGMA user_version"));
+  if (version < 3) return absl::OkStatus();
+  std::vector<LensRow> lenses;
+  CAIRN_RETURN_IF_ERROR(ReadTable<LensRow>(kLensesTable, [&](const LensRow& row) { lenses.push_back(row); }));
+  for (const LensRow& row : lenses) {
+    const auto camera = std::find_if(content_.cameras.begin(), content_.cameras.end(),
+                                     [&](const map::MapCamera& other) { return other.id == row.camera; });
+    if (camera == content_.cameras.end()) {
+      CAIRN_RETURN_IF_ERROR(Report(kLensesTable.name, row.camera.value(), "its camera is missing"));
+    } else {
+      camera->lens = row.lens;
+    }
+  }
+  return absl::OkStatus();
 }
 
 absl::Status MapReader::ReadTrajectories() {

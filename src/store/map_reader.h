@@ -42,6 +42,7 @@ class MapReader {
   template <class Value, class Take>
   absl::Status ReadTable(const TableSpec& table, Take take);
   // Loops and reported trajectories of the sessions; formats before 2 have none.
+  absl::Status ReadLenses();
   absl::Status ReadTrajectories();
   absl::Status ReadFeatures();
   absl::Status ReadPointIds();

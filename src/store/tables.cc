@@ -62,6 +62,7 @@ constexpr std::array<StringView, 17> kCamerasColumns = {
     "pinhole_cy_px",
     "row_checksum",
 };
+constexpr std::array<StringView, 5> kLensesColumns = {"camera", "focal_scale", "k1", "k2", "row_checksum"};
 constexpr std::array<StringView, 11> kSessionsColumns = {
     "id",      "camera",          "source",        "software_version", "settings_json", "first_ns",
     "last_ns", "started_unix_ns", "ended_unix_ns", "complete",         "row_checksum",
@@ -162,6 +163,7 @@ absl::Status ReadRigid(const Statement& row, int column, StringView name, SE3* p
 
 const TableSpec kMapTable{"map", kMapColumns};
 const TableSpec kCamerasTable{"cameras", kCamerasColumns};
+const TableSpec kLensesTable{"lenses", kLensesColumns};
 const TableSpec kSessionsTable{"sessions", kSessionsColumns};
 const TableSpec kLoopsTable{"loops", kLoopsColumns, 2};
 const TableSpec kTrajectoriesTable{"reported_trajectories", kTrajectoriesColumns};
@@ -295,6 +297,20 @@ absl::Status FromRow(const Statement& row, map::MapCamera* value) {
   pinhole.cx_px = row.Real(14);
   pinhole.cy_px = row.Real(15);
   return Camera::FromPinhole(pinhole).Validate();
+}
+
+// --- lenses ---
+
+Row RowOf(const LensRow& value) {
+  Row row;
+  row.Int(value.camera.value()).Real(value.lens.focal_scale).Real(value.lens.k1).Real(value.lens.k2);
+  return row;
+}
+
+absl::Status FromRow(const Statement& row, LensRow* value) {
+  if (!ReadId(row, 0, &value->camera)) return OutOfRange("camera");
+  value->lens = {row.Real(1), row.Real(2), row.Real(3)};
+  return value->lens.Validate().ok() ? absl::OkStatus() : OutOfRange("focal_scale, k1, k2");
 }
 
 // --- sessions ---

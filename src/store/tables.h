@@ -28,6 +28,7 @@ struct TableSpec {
 // With row_checksum as the last column.
 extern const TableSpec kMapTable;
 extern const TableSpec kCamerasTable;
+extern const TableSpec kLensesTable;
 extern const TableSpec kSessionsTable;
 extern const TableSpec kLoopsTable;
 extern const TableSpec kTrajectoriesTable;
@@ -49,6 +50,12 @@ struct MapRow {
   std::int64_t keyframe_count = 0;
   std::int64_t point_count = 0;
   std::int64_t covisibility_count = 0;
+};
+
+// One row of table `lenses`.
+struct LensRow {
+  CameraId camera;
+  LensCorrection lens;
 };
 
 // One row of table `loops`; a session's are numbered from 1.
@@ -83,6 +90,7 @@ struct PointRow {
 // What is written. The row refers to texts of the value.
 Row RowOf(const MapRow& value);
 Row RowOf(const map::MapCamera& value, std::string* distortion_blob);
+Row RowOf(const LensRow& value);
 Row RowOf(const map::Session& value);
 Row RowOf(const LoopRow& value);
 Row RowOf(const TrajectoryRow& value);
@@ -94,6 +102,7 @@ Row RowOf(const LoggedChange& value);
 // What was read. DataLoss (without a fault: the caller knows the table and row) if a value is out of its range.
 absl::Status FromRow(const Statement& row, MapRow* value);
 absl::Status FromRow(const Statement& row, map::MapCamera* value);
+absl::Status FromRow(const Statement& row, LensRow* value);
 absl::Status FromRow(const Statement& row, map::Session* value);
 absl::Status FromRow(const Statement& row, LoopRow* value);
 absl::Status FromRow(const Statement& row, TrajectoryRow* value);

@@ -74,6 +74,9 @@ void AddRunCommand(CLI::App& app, Action* action) {
   CLI::Option* vo = verb->add_flag_callback(
       "--vo", [options] { options->session.close_loops = false; },
       "Visual odometry: close no loops; parts of the map that are far apart along the path stay apart");
+  CLI::Option* fixed_lens = verb->add_flag_callback(
+      "--fixed-lens", [options] { options->session.mapping.lens.enabled = false; },
+      "Keep to the calibration: do not correct focal length and radial distortion by what the map says of them");
   verb->add_option(
           "--preset", options->preset,
           "What the odometry may spend. fast: fewer points and keyframes, four fifths of the time, three times the "
@@ -84,7 +87,9 @@ void AddRunCommand(CLI::App& app, Action* action) {
   verb->add_flag("--full-resolution", options->full_resolution, "Track on full instead of half resolution: slower");
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
-  for (CLI::Option* of_maps : {map, name, poses, vocabulary, picture, vo, live_poses}) odometry_only->excludes(of_maps);
+  for (CLI::Option* of_maps : {map, name, poses, vocabulary, picture, vo, fixed_lens, live_poses}) {
+    odometry_only->excludes(of_maps);
+  }
   verb->footer(
       "Examples:\n"
       "  cairn run rgbd_dataset --camera camera.yaml --map office.cairn\n"

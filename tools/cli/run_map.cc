@@ -101,6 +101,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
                  {"loops", LoopsAsJson(session)},
                  {"loops_rejected", report.loops_rejected},
                  {"trajectory", TrajectoryAsJson(session)},
+                 {"lens", LensAsJson(report.lens)},
                  {"frame_ms", SampleStatistics(report.frame_ms)},
                  {"frame_ms_correcting", SampleStatistics(report.frame_ms_correcting)},
                  {"loop_correction_ms", SampleStatistics(report.correction_ms)},
@@ -119,6 +120,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
               Percentile(report.frame_ms, 0.5), Mean(report.frame_ms), Percentile(report.keyframe_ms, 0.5));
   PrintLoopsAndTrajectory(session, "  ");
+  if (report.lens) std::printf("  lens %s\n", report.lens->reason.c_str());
   std::printf("  keyframes of the odometry in the feature module: %s\n", StateSummary(report.keyframe_reports).c_str());
   if (report.odometry.recoveries > 0) {
     std::printf("  the odometry was lost and found in the map %lld times\n",
@@ -169,6 +171,7 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
       {"preset", options.preset},
       {"full_resolution", options.session.odometry.full_resolution},
       {"close_loops", options.session.close_loops},
+      {"refine_lens", options.session.mapping.lens.enabled},
       {"poses_given", !options.poses.empty()}};
   session_source.settings_json = settings.dump();
   return MapRun{std::move(source), std::move(vocabulary), std::move(writer), std::move(session_source)};

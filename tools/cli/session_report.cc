@@ -34,6 +34,28 @@ nlohmann::ordered_json TrajectoryAsJson(const map::Session& session) {
           {"reason", session.trajectory->reason}};
 }
 
+nlohmann::ordered_json LensAsJson(const std::optional<mapping::LensReport>& lens) {
+  if (!lens) return nullptr;
+  return {{"corrected", lens->applied},
+          {"focal_scale", lens->lens.focal_scale},
+          {"k1", lens->lens.k1},
+          {"k2", lens->lens.k2},
+          {"shift_rms_px", lens->shift.rms_px},
+          {"shift_max_px", lens->shift.max_px},
+          {"gain", lens->gain},
+          {"reason", lens->reason}};
+}
+
+nlohmann::ordered_json LensAsJson(const map::MapCamera& camera) {
+  if (!camera.lens) return nullptr;
+  const LensCorrection::Shift shift = camera.lens->ShiftOver(camera.pinhole);
+  return {{"focal_scale", camera.lens->focal_scale},
+          {"k1", camera.lens->k1},
+          {"k2", camera.lens->k2},
+          {"shift_rms_px", shift.rms_px},
+          {"shift_max_px", shift.max_px}};
+}
+
 void PrintLoopsAndTrajectory(const map::Session& session, const char* indent) {
   for (const map::ClosedLoop& loop : session.loops) {
     std::printf("%sloop closed at %.1f s to %.1f s (keyframe %u to %u): %d matches; ", indent,

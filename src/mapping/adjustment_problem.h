@@ -1,0 +1,26 @@
+// The bundle adjustment problem of a part of the map in an Edit, and its way back.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "map/edit.h"
+#include "mapping/local_adjustment.h"
+#include "optimization/bundle_adjustment.h"
+
+namespace cairn::mapping {
+
+struct AdjustmentProblem {
+  optimization::BundleProblem problem;
+  std::vector<KeyframeId> keyframes;  // per pose: the free ones, then those that hold their points in place
+  std::vector<PointId> points;        // per point
+  std::vector<CameraId> cameras;      // per camera
+  std::optional<std::uint32_t> only_anchor;  // the pose that alone holds the problem: its scale is free
+};
+
+// Of `options` only what says which keyframes are fixed, the priors and the rotations.
+AdjustmentProblem BuildAdjustmentProblem(const map::Edit& edit, std::span<const KeyframeId> free,
+                                         const LocalAdjustmentOptions& options);
+
+}  // namespace cairn::mapping

@@ -1,0 +1,39 @@
+// A session's map tells what the calibration of its camera left over: bundle adjustment with an unknown lens
+// (optimization/lens_adjustment.h), taken only where the observations leave no doubt.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+
+#include "base/status.h"
+#include "geometry/lens_correction.h"
+#include "map/edit.h"
+
+namespace cairn::mapping {
+
+struct LensRefinementOptions {
+  bool enabled = true;
+  // Chi-square that the lens must explain (three degrees of freedom; 16 would be significant if errors were independent,
+  // which those of neighbouring features are not).
+  double min_gain = 60.0;
+  // Of the image's diagonal: what moves pixels further is no remainder, but another camera.
+  double max_shift_share = 0.03;
+
+  absl::Status Validate() const;
+};
+
+struct LensReport {
+  bool applied = false;
+  LensCorrection lens;
+  LensCorrection::Shift shift;  // by which it moves pixels
+  double gain = 0.0;            // see LensResult
+  std::string reason;           // for people
+};
+
+// `keyframes`, all of `camera`, have just been adjusted. If a lens is found, the camera, keypoints, poses and points in
+// `edit` become those that fit it. Nothing if there is too little to tell, or the camera has a correction already.
+absl::StatusOr<std::optional<LensReport>> RefineLens(map::Edit& edit, std::span<const KeyframeId> keyframes,
+                                                     CameraId camera, const LensRefinementOptions& options);
+
+}  // namespace cairn::mapping
