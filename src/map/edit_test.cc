@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "map/lens.h"
 #include "map/testing_map.h"
 
 namespace cairn::map {
@@ -164,6 +165,35 @@ TEST(Edit, LinksALonelyKeyframeOnlyIfItIsAlone) {
   ASSERT_NE(next, nullptr);
   EXPECT_EQ(next->keyframe(lonely).parent, KeyframeId(3));
   EXPECT_EQ(next->keyframe(linked).parent, KeyframeId(2)) << "the one it shares most with";
+}
+
+TEST(Edit, MovesKeypointsAndReplacesACamera) {
+  const TestMap world = MakeMap(3, 4, 100);
+  Edit edit(world.snapshot);
+  MapCamera camera = edit.camera(world.camera);
+  camera.lens = LensCorrection{1.01, 0.02, 0.0};
+  edit.PutCamera(camera);
+  EXPECT_EQ(edit.camera(world.camera).lens, camera.lens);
+  std::vector<image::Keypoint> keypoints = edit.keyframe(KeyframeId(2)).keypoints();
+  CorrectKeypoints(camera, keypoints);
+  edit.SetKeypoints(KeyframeId(2), keypoints);
+  MapCamera another = camera;
+  EXPECT_EQ(edit.AddCamera(another).value(), world.camera.value() + 1);
+
+  const auto after = world.snapshot->Apply(edit.Finish("lens"));
+  ASSERT_TRUE(after.ok()) << after.status();
+  EXPECT_EQ((*after)->cameras().at(world.camera).lens, camera.lens);
+  EXPECT_EQ((*after)->keyframe(KeyframeId(2)).keypoints(), keypoints);
+  EXPECT_EQ((*after)->keyframe(KeyframeId(2)).descriptors(), world.snapshot->keyframe(KeyframeId(2)).descriptors());
+  EXPECT_NE(world.snapshot->keyframe(KeyframeId(2)).keypoints(), keypoints) << "the base is left alone";
+  // Where the pinhole would have seen them: the centre stays, the corners move most, and on the grid of 1/32 px.
+  for (std::size_t i = 0; i < keypoints.size(); ++i) {
+    const image::Keypoint& was = world.snapshot->keyframe(KeyframeId(2)).keypoints()[i];
+    const double moved = std::hypot(keypoints[i].x_px - was.x_px, keypoints[i].y_px - was.y_px);
+    const double radius = std::hypot(was.x_px - 320.0, was.y_px - 240.0);
+    EXPECT_NEAR(moved, radius * (1.0 - 1.0 / (1.01 * (1.0 + 0.02 * std::pow(radius / 505.0, 2)))), 0.2);
+    EXPECT_EQ(keypoints[i].x_px * 32.0f, std::round(keypoints[i].x_px * 32.0f));
+  }
 }
 
 TEST(Edit, RandomChangesKeepTheMapConsistent) {

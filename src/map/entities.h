@@ -25,7 +25,7 @@ struct MapCamera {
   Pinhole pinhole;  // of the undistorted images, in which all keypoints are given
   // What a session found that the calibration leaves over in undistorted images; keypoints are corrected by it, so that
   // `pinhole` is right for them (map/lens.h).
-  std::optional<LensCorrection> lens;
+  std::optional<LensCorrection> lens = std::nullopt;
   bool operator==(const MapCamera&) const = default;
 };
 

@@ -10,6 +10,7 @@
 #include <ctime>
 #include <limits>
 
+#include "map/lens.h"
 #include "store/digest.h"
 #include "store/sqlite.h"
 #include "store/test_maps.h"
@@ -104,6 +105,45 @@ TEST(MapFile, RoundTripsToTheBitAfterEveryChange) {
   }
 }
 
+TEST(MapFile, KeepsALensAndTheKeypointsThatItMoved) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  auto file = *MapFile::Create(path, TestInfo(), {.vocabulary = "words"});
+  MapGrower grower(4);
+  SnapshotPtr map = Grow(file.get(), &grower, 5);
+  map::Edit edit(map);
+  map::MapCamera camera = map->cameras().begin()->second;
+  camera.lens = LensCorrection{0.9961, 0.0191, -0.0093};
+  edit.PutCamera(camera);
+  for (const std::uint32_t id : {2u, 4u}) {
+    std::vector<image::Keypoint> keypoints = map->keyframe(KeyframeId(id)).keypoints();
+    map::CorrectKeypoints(camera, keypoints);
+    EXPECT_NE(keypoints, map->keyframe(KeyframeId(id)).keypoints());
+    edit.SetKeypoints(KeyframeId(id), std::move(keypoints));
+  }
+  map::Delta delta = edit.Finish("lens of the camera");
+  EXPECT_THAT(delta.moved_keypoints, ElementsAre(KeyframeId(2), KeyframeId(4)));
+  const std::string before = ContentDigest(*map);
+  Change(file.get(), &map, delta);
+  ExpectFileHolds(path, *map);
+  EXPECT_NE(ContentDigest(*map), before);
+  EXPECT_EQ((*file->LoadSnapshot())->cameras().begin()->second.lens, camera.lens);
+
+  // What claims to have moved must be there.
+  map::Edit nothing(map);
+  nothing.PutCamera(camera);
+  map::Delta wrong = nothing.Finish("nothing moved");
+  wrong.moved_keypoints = {KeyframeId(3)};
+  EXPECT_EQ(file->Commit(wrong).code(), absl::StatusCode::kInvalidArgument);
+  ExpectFileHolds(path, *map);
+
+  camera.lens.reset();
+  map::Edit without(map);
+  without.PutCamera(camera);
+  Change(file.get(), &map, without.Finish("no lens"));
+  ExpectFileHolds(path, *map);
+}
+
 TEST(MapFile, LoopsAreKeptInOrder) {
   const TempFolder folder;
   const std::string path = folder.File("a.cairn");
@@ -133,7 +173,7 @@ TEST(MapFile, OlderFormatIsReadAndBroughtUpToDate) {
     map = Grow(file.get(), &grower, 4);
     ASSERT_TRUE(file->Close().ok());
     auto database = *Database::OpenFile(path, Database::Mode::kReadWrite);
-    ASSERT_TRUE(database->Execute("DROP TABLE loops; DROP TABLE reported_trajectories; PRAGMA user_version = 1").ok());
+    ASSERT_TRUE(database->Execute("DROP TABLE lenses; DROP TABLE loops; DROP TABLE reported_trajectories; PRAGMA user_version = 1").ok());
   }
   ExpectFileHolds(path, *map);
   EXPECT_EQ((*(*MapFile::OpenReadOnly(path))->ReadSummary()).format_version, 1);

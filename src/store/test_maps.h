@@ -186,6 +186,9 @@ class Bits {
       Add(camera.model.Intrinsics());
       for (const double value : camera.model.distortion) Add(value);
       Add(camera.pinhole);
+      if (camera.lens) {
+        for (const double value : {camera.lens->focal_scale, camera.lens->k1, camera.lens->k2}) Add(value);
+      }
     }
     for (const auto& [id, session] : snapshot.sessions()) {
       Add(id);
