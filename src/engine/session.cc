@@ -111,8 +111,7 @@ class Session::Impl {
     if (loops_) CAIRN_RETURN_IF_ERROR(loops_->Finish(mapper_.get()));
     mapper_->ReviseDirectPoses(DirectPoses());
     CAIRN_RETURN_IF_ERROR(mapper_->Finish());
-    const mapping::TrajectoryChoice choice = collinearity_.Choose(
-        loops_ && !loops_->loops().empty(), mapper_->lens() && mapper_->lens()->applied);
+    const mapping::TrajectoryChoice choice = ChooseTrajectory();
     trajectory_ = {choice.refined, choice.keyframes, choice.collinear, choice.reason};
     live_.Publish(mapper_->map(), mapper_->trajectory(), trajectory_.refined);
     CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, trajectory_, writer_));
@@ -182,7 +181,7 @@ class Session::Impl {
     feature_lost_ = lost;
     if (report.inserted) collinearity_.Update(*mapper_->map(), report.keyframe);
     if (loops_) CAIRN_RETURN_IF_ERROR(loops_->AfterPacket(report, mapper_.get()));
-    const bool refined = collinearity_.Choose(loops_ && !loops_->loops().empty()).refined;
+    const bool refined = ChooseTrajectory().refined;
     live_.Publish(mapper_->map(), mapper_->trajectory(), refined);
     return absl::OkStatus();
   }
@@ -217,6 +216,10 @@ class Session::Impl {
       poses[keyframe.keyframe] = keyframe.direct_from_camera;
     }
     return poses;
+  }
+
+  mapping::TrajectoryChoice ChooseTrajectory() const {
+    return collinearity_.Choose(loops_ && !loops_->loops().empty(), mapper_->lens() && mapper_->lens()->applied);
   }
 
   SessionReport Report() const {

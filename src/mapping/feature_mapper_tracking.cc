@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "map/lens.h"
 #include "mapping/feature_mapper_impl.h"
 #include "mapping/graph_distance.h"
 #include "mapping/stopwatch.h"
@@ -90,7 +91,9 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
 
 absl::StatusOr<std::optional<direct::KnownView>> FeatureMapper::Impl::Locate(const direct::Frame& frame) const {
   if (!places_ || map_->keyframes().empty()) return std::nullopt;
-  CAIRN_ASSIGN_OR_RETURN(const image::Features features, extractor_.Extract(frame.image, options_.max_features));
+  CAIRN_ASSIGN_OR_RETURN(image::Features features, extractor_.Extract(frame.image, options_.max_features));
+  const std::vector<image::Keypoint> seen_by_the_odometry = features.keypoints;
+  map::CorrectKeypoints(map_->cameras().at(camera_), features.keypoints);
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
                          relocalizer_.Relocalize(*map_, *places_, pinhole_, features));
   if (!found.localized) return std::nullopt;
@@ -107,7 +110,7 @@ absl::StatusOr<std::optional<direct::KnownView>> FeatureMapper::Impl::Locate(con
     if (!tracked.points[i]) continue;
     const double depth = (tracked.camera_from_map * map_->point(tracked.points[i]).position).z();
     if (depth <= 0.0) continue;
-    const image::Keypoint& keypoint = features.keypoints[i];
+    const image::Keypoint& keypoint = seen_by_the_odometry[i];
     view.points.push_back({keypoint.x_px, keypoint.y_px, static_cast<float>(1.0 / depth), 0.0f});
   }
   return view;

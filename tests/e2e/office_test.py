@@ -1,6 +1,7 @@
 """A small office, rendered, mapped, aligned, relocalized and evaluated through the command line, as a user would."""
 import json
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -58,6 +59,38 @@ class Office(unittest.TestCase):
         self.assertGreater(result['queries'], 0)
         self.assertEqual(result['answered'], 0)
         self.assertEqual(result['within_share'], 0)
+
+    def test_a_lens_that_is_not_as_calibrated_is_found_and_corrected(self):
+        """The same recording with a calibration whose focal length is 3 % too long."""
+        lines = (self.first / 'mav0' / 'cam0' / 'sensor.yaml').read_text()
+        values = [float(v) for v in re.search(r'intrinsics: *\[(.*?)\]', lines).group(1).split(',')]
+        size = re.search(r'resolution: *(\[.*?\])', lines).group(1)
+        wrong = self.folder / 'wrong.yaml'
+        wrong.write_text(f'model: pinhole\nresolution_px: {size}\nintrinsics_px: '
+                         f'[{1.03 * values[0]}, {1.03 * values[1]}, {values[2]}, {values[3]}]\n')
+        found, frames, ate = {}, self.folder / 'lens.txt', {}
+        for name, extra in (('corrected', []), ('fixed', ['--fixed-lens'])):
+            report = must('run', self.first, '--camera', wrong, '--map', self.folder / f'{name}.cairn', '--trajectory', frames,
+                          '--deterministic', '--overwrite', *extra)
+            found[name] = report['lens']
+            ate[name] = must('eval', 'ate', frames, self.first / 'groundtruth_cam0.txt')['ate_m']
+        self.assertTrue(found['corrected']['corrected'], found)
+        self.assertIsNone(found['fixed'])
+        self.assertAlmostEqual(found['corrected']['focal_scale'], 1 / 1.03, delta=0.01)
+        self.assertLess(ate['corrected'], 0.02)
+        self.assertLess(ate['corrected'], 0.6 * ate['fixed'])
+        # A right calibration is left alone.
+        self.assertFalse(self.report['lens']['corrected'], self.report['lens'])
+        self.assertIsNone(must('info', self.map)['cameras'][0]['lens'])
+        # The map corrects queries of the same camera likewise.
+        self.assertIsNotNone(must('info', self.folder / 'corrected.cairn')['cameras'][0]['lens'])
+        must('align', self.folder / 'corrected.cairn', '--groundtruth', self.first / 'groundtruth_cam0.txt')
+        poses = self.folder / 'lens_poses.txt'
+        must('localize', self.second, '--camera', wrong, '--stride', 4, '--map', self.folder / 'corrected.cairn', '--independent',
+             '--out', poses)
+        result = must('eval', 'localization', poses, self.second / 'groundtruth_cam0.txt')
+        self.assertEqual(result['wrong'], 0)
+        self.assertLess(result['error_m']['median'], 0.03)
 
     def test_info_knows_the_alignment_and_the_provenance(self):
         info = must('info', self.map)
