@@ -67,7 +67,7 @@ struct SessionReport {
   std::vector<mapping::KeyframeReport> keyframe_reports;  // what became of each of them
   direct::OdometryStatistics odometry;
   std::optional<mapping::LensReport> lens;  // what the map says of the camera's lens
-  map::ReportedTrajectory trajectory;  // which of the two the frame poses below follow, and why
+  map::ReportedTrajectory trajectory;       // which of the two the frame poses below follow, and why
   std::vector<FramePose> frame_poses;
   std::vector<mapping::TrajectoryKeyframe> keyframe_poses;  // likewise
 };

@@ -10,7 +10,7 @@ const Pinhole kPinhole{640, 480, 500.0, 510.0, 319.0, 242.0};
 TEST(LensCorrectionTest, IdealUndoesWhatTheLensDoes) {
   const LensCorrection lens{0.98, 0.03, -0.02};
   for (const Eigen::Vector2d& ideal : {Eigen::Vector2d(10.0, 20.0), Eigen::Vector2d(319.0, 242.0),
-                                      Eigen::Vector2d(600.0, 100.0), Eigen::Vector2d(320.0, 470.0)}) {
+                                       Eigen::Vector2d(600.0, 100.0), Eigen::Vector2d(320.0, 470.0)}) {
     const Eigen::Vector3d ray = kPinhole.Unproject(ideal);
     const double r2 = ray.head<2>().squaredNorm(), g = 0.98 * (1.0 + 0.03 * r2 - 0.02 * r2 * r2);
     const Eigen::Vector2d seen(319.0 + 500.0 * g * ray.x(), 242.0 + 510.0 * g * ray.y());

@@ -19,8 +19,8 @@ struct Delta {
   std::vector<MapCamera> cameras;                          // added or replaced
   std::vector<Session> sessions;                           // added or replaced
   std::vector<std::shared_ptr<const Keyframe>> keyframes;  // added or replaced, ascending by id
-  // Of those replaced: whose keypoints have moved too (a camera's lens was corrected). All else of a keyframe's features
-  // never changes.
+  // Of those replaced: whose keypoints have moved too (a camera's lens was corrected). All else of a keyframe's
+  // features never changes.
   std::vector<KeyframeId> moved_keypoints;
   std::vector<KeyframeId> removed_keyframes;
   std::vector<std::shared_ptr<const MapPoint>> points;  // added or replaced, ascending by id

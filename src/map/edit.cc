@@ -75,17 +75,16 @@ const MapCamera& Edit::camera(CameraId id) const {
 }
 
 CameraId Edit::AddCamera(MapCamera camera) {
-  const auto added = std::count_if(cameras_.begin(), cameras_.end(), [&](const MapCamera& other) {
-    return !base_->cameras().contains(other.id);
-  });
+  const auto added = std::count_if(cameras_.begin(), cameras_.end(),
+                                   [&](const MapCamera& other) { return !base_->cameras().contains(other.id); });
   camera.id = CameraId(static_cast<CameraId::Value>(base_->cameras().size() + static_cast<std::size_t>(added) + 1));
   cameras_.push_back(std::move(camera));
   return cameras_.back().id;
 }
 
 void Edit::PutCamera(const MapCamera& camera) {
-  const auto known = std::find_if(cameras_.begin(), cameras_.end(),
-                                  [&](const MapCamera& other) { return other.id == camera.id; });
+  const auto known =
+      std::find_if(cameras_.begin(), cameras_.end(), [&](const MapCamera& other) { return other.id == camera.id; });
   if (known != cameras_.end()) {
     *known = camera;
   } else {

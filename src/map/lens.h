@@ -7,8 +7,8 @@
 
 namespace cairn::map {
 
-// From where they appear in the undistorted image to where camera.pinhole would have seen them, kept to 1/32 px like all
-// keypoints. Does nothing for a camera without a lens correction.
+// From where they appear in the undistorted image to where camera.pinhole would have seen them, kept to 1/32 px like
+// all keypoints. Does nothing for a camera without a lens correction.
 void CorrectKeypoints(const MapCamera& camera, std::span<image::Keypoint> keypoints);
 
 }  // namespace cairn::map

@@ -1,6 +1,7 @@
 #include "mapping/adjustment_problem.h"
 
 #include <algorithm>
+#include <cmath>
 #include <unordered_map>
 
 #include "base/dense_ids.h"
@@ -96,6 +97,24 @@ AdjustmentProblem BuildAdjustmentProblem(const map::Edit& edit, std::span<const 
     }
   }
   return built;
+}
+
+void KeepScale(const AdjustmentProblem& built, std::vector<SE3>* camera_from_map, std::vector<Vector3d>* points) {
+  if (!built.only_anchor) return;
+  const Vector3d origin = built.problem.poses[*built.only_anchor].camera_from_map.Inverse().translation();
+  std::vector<double> ratios;
+  for (std::size_t i = 0; i < points->size(); ++i) {
+    const double ratio = (built.problem.points[i] - origin).norm() / ((*points)[i] - origin).norm();
+    if (ratio > 0.0 && std::isfinite(ratio)) ratios.push_back(ratio);
+  }
+  if (ratios.empty()) return;
+  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+  std::nth_element(ratios.begin(), middle, ratios.end());
+  for (SE3& pose : *camera_from_map) {
+    const Vector3d centre = origin + *middle * (pose.Inverse().translation() - origin);
+    pose = SE3(pose.rotation(), -(pose.rotation() * centre));
+  }
+  for (Vector3d& point : *points) point = origin + *middle * (point - origin);
 }
 
 }  // namespace cairn::mapping

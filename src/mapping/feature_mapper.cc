@@ -92,8 +92,8 @@ absl::Status FeatureMapper::Impl::Continue(Current* current) {
   return Lose(seed.camera_from_map, current);
 }
 
-// Over all that the session added; the lens of its camera in between, as soon as poses and points agree with it as it is
-// calibrated.
+// Over all that the session added; the lens of its camera in between, as soon as poses and points agree with it as it
+// is calibrated.
 absl::Status FeatureMapper::Impl::AdjustSession(const std::vector<KeyframeId>& own) {
   map::Edit edit(map_);
   LocalAdjustmentOptions adjustment;

@@ -45,7 +45,9 @@ struct FeatureMapperOptions {
 
   // New points.
   int triangulation_neighbours = 6;
-  int covered_points = 0;  // seen in one of 8 x 8 cells of the image: no further ones are made there; 0: no limit
+  // So many points in one of 8 x 8 cells of the image, each seen by so many keyframes: no further ones are made there.
+  int covered_points = 8;  // 0: no limit
+  int covered_observers = 3;
   double min_parallax_deg = 1.0;
   double min_baseline_share = 0.01;  // of the median scene depth, between two keyframes
   double max_chi_square = 5.991;     // of a reprojection error, 2 degrees of freedom, 95 %

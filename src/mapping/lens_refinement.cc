@@ -19,9 +19,10 @@ std::vector<std::uint8_t> Inliers(const optimization::BundleProblem& problem) {
   for (const optimization::BundleObservation& o : problem.observations) {
     const optimization::BundlePose& pose = problem.poses[o.pose];
     const Vector3d point_c = pose.camera_from_map * problem.points[o.point];
-    const bool agrees = optimization::InFront(point_c) &&
-                        optimization::ReprojectionResidual(problem.cameras[pose.camera], point_c, o.pixel).squaredNorm() <=
-                            optimization::kChiSquarePixel95 * o.sigma_px * o.sigma_px;
+    const bool agrees =
+        optimization::InFront(point_c) &&
+        optimization::ReprojectionResidual(problem.cameras[pose.camera], point_c, o.pixel).squaredNorm() <=
+            optimization::kChiSquarePixel95 * o.sigma_px * o.sigma_px;
     inliers.push_back(agrees ? 1 : 0);
   }
   return inliers;
@@ -33,9 +34,9 @@ LensReport Judge(const optimization::LensResult& result, const Pinhole& pinhole,
   report.gain = result.gain;
   report.shift = result.lens.ShiftOver(pinhole);
   const double diagonal_px = std::hypot(pinhole.width_px, pinhole.height_px);
-  const std::string found =
-      absl::StrFormat("focal length x %.4f, k1 %.4f, k2 %.4f: %.2f px on average, up to %.2f px", result.lens.focal_scale,
-                      result.lens.k1, result.lens.k2, report.shift.rms_px, report.shift.max_px);
+  const std::string found = absl::StrFormat("focal length x %.4f, k1 %.4f, k2 %.4f: %.2f px on average, up to %.2f px",
+                                            result.lens.focal_scale, result.lens.k1, result.lens.k2,
+                                            report.shift.rms_px, report.shift.max_px);
   if (!(report.shift.max_px <= options.max_shift_share * diagonal_px)) {
     report.reason = absl::StrCat("not corrected: the images suggest another camera (", found, "); calibrate it");
   } else if (!(report.gain >= options.min_gain)) {
@@ -63,14 +64,15 @@ absl::StatusOr<std::optional<LensReport>> RefineLens(map::Edit& edit, std::span<
   const AdjustmentProblem built = BuildAdjustmentProblem(edit, keyframes, all);
   const auto index = std::find(built.cameras.begin(), built.cameras.end(), camera);
   if (index == built.cameras.end() || built.points.empty()) return std::nullopt;
-  const auto result = optimization::AdjustLens(
-      built.problem, static_cast<std::uint32_t>(index - built.cameras.begin()), Inliers(built.problem));
+  auto result = optimization::AdjustLens(built.problem, static_cast<std::uint32_t>(index - built.cameras.begin()),
+                                         Inliers(built.problem));
   // Too few observations, or equations without an answer: the calibration stays.
   if (absl::IsFailedPrecondition(result.status()) || absl::IsInternal(result.status())) return std::nullopt;
   CAIRN_RETURN_IF_ERROR(result.status());
   const LensReport report = Judge(*result, edit.pinhole(camera), options);
   if (!report.applied) return report;
 
+  KeepScale(built, &result->camera_from_map, &result->points);
   map::MapCamera corrected = edit.camera(camera);
   corrected.lens = report.lens;
   edit.PutCamera(corrected);

@@ -14,8 +14,8 @@ namespace cairn::mapping {
 
 struct LensRefinementOptions {
   bool enabled = true;
-  // Chi-square that the lens must explain (three degrees of freedom; 16 would be significant if errors were independent,
-  // which those of neighbouring features are not).
+  // Chi-square that the lens must explain (three degrees of freedom; 16 would be significant if errors were
+  // independent, which those of neighbouring features are not).
   double min_gain = 60.0;
   // Of the image's diagonal: what moves pixels further is no remainder, but another camera.
   double max_shift_share = 0.03;

@@ -4,29 +4,9 @@
 #include <cmath>
 
 #include "mapping/adjustment_problem.h"
-#include "mapping/adjustment_problem.h"
 
 namespace cairn::mapping {
 namespace {
-
-// Nothing in the images tells the scale of a map that hangs on one pose: it may have wandered, and others keep lengths
-// in it. The distances of the points from the anchor's camera become, in the middle, what they were.
-void KeepScale(const AdjustmentProblem& built, std::uint32_t anchor, optimization::BundleResult* result) {
-  const Vector3d origin = built.problem.poses[anchor].camera_from_map.Inverse().translation();
-  std::vector<double> ratios;
-  for (std::size_t i = 0; i < result->points.size(); ++i) {
-    const double ratio = (built.problem.points[i] - origin).norm() / (result->points[i] - origin).norm();
-    if (ratio > 0.0 && std::isfinite(ratio)) ratios.push_back(ratio);
-  }
-  if (ratios.empty()) return;
-  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), middle, ratios.end());
-  for (SE3& pose : result->camera_from_map) {
-    const Vector3d centre = origin + *middle * (pose.Inverse().translation() - origin);
-    pose = SE3(pose.rotation(), -(pose.rotation() * centre));
-  }
-  for (Vector3d& point : result->points) point = origin + *middle * (point - origin);
-}
 
 // What moves by less is left as it is: it would have to be stored anew for nothing.
 constexpr double kMinMoveRad = 2e-5;  // seen from a camera: a hundredth of a pixel at a usual focal length
@@ -89,7 +69,7 @@ absl::StatusOr<LocalAdjustmentReport> AdjustKeyframes(map::Edit& edit, std::span
   adjustment.noise_iterations = options.noise_iterations;
   adjustment.function_tolerance = options.function_tolerance;
   CAIRN_ASSIGN_OR_RETURN(optimization::BundleResult result, optimization::AdjustBundle(built.problem, adjustment));
-  if (built.only_anchor) KeepScale(built, *built.only_anchor, &result);
+  KeepScale(built, &result.camera_from_map, &result.points);
   report.adjusted = true;
   report.iterations = result.iterations;
   report.rmse = result.inlier_rmse;

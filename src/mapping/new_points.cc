@@ -220,7 +220,10 @@ DepthRange DepthRangeOf(const map::Edit& edit, KeyframeId id) {
   return {0.2 / far, 2.0 / near, depths[depths.size() / 2]};
 }
 
-std::vector<std::uint8_t> CoveredFeatures(const map::Keyframe& keyframe, const Pinhole& pinhole, int points_per_cell) {
+std::vector<std::uint8_t> CoveredFeatures(const map::Edit& edit, KeyframeId id, int points_per_cell,
+                                          int min_observers) {
+  const map::Keyframe& keyframe = edit.keyframe(id);
+  const Pinhole& pinhole = edit.pinhole(keyframe.camera);
   std::vector<std::uint8_t> covered(keyframe.points.size(), 0);
   if (points_per_cell <= 0) return covered;
   std::vector<int> points_in(kCells * kCells, 0);
@@ -230,7 +233,10 @@ std::vector<std::uint8_t> CoveredFeatures(const map::Keyframe& keyframe, const P
     const int y = std::clamp(static_cast<int>(keypoint.y_px * kCells / pinhole.height_px), 0, kCells - 1);
     return static_cast<std::size_t>(y * kCells + x);
   };
-  for (std::size_t i = 0; i < covered.size(); ++i) points_in[cell_of(i)] += keyframe.points[i] ? 1 : 0;
+  for (std::size_t i = 0; i < covered.size(); ++i) {
+    const PointId point = keyframe.points[i];
+    if (point && static_cast<int>(edit.point(point).observations.size()) >= min_observers) ++points_in[cell_of(i)];
+  }
   for (std::size_t i = 0; i < covered.size(); ++i) covered[i] = points_in[cell_of(i)] >= points_per_cell ? 1 : 0;
   return covered;
 }
@@ -241,7 +247,7 @@ std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId id, std::span<c
   std::vector<PointId> added;
   if (!range.valid()) return added;
   const std::vector<std::uint8_t> covered =
-      CoveredFeatures(edit.keyframe(id), edit.pinhole(edit.keyframe(id).camera), options.covered_points);
+      CoveredFeatures(edit, id, options.covered_points, options.covered_observers);
   const image::OrbParameters& orb = edit.info().orb;
   for (const KeyframeId neighbour_id : neighbours) {
     if (neighbour_id == id) continue;

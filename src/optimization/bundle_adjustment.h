@@ -89,8 +89,8 @@ struct BundleResult {
   bool interrupted = false;         // by options.stop
 };
 
-// InvalidArgument: indices out of range, values that are not finite, sigmas that are not positive. FailedPrecondition: no
-// pose is fixed or has a prior (the problem would float), or nothing is free.
+// InvalidArgument: indices out of range, values that are not finite, sigmas that are not positive. FailedPrecondition:
+// no pose is fixed or has a prior (the problem would float), or nothing is free.
 absl::Status CheckProblem(const BundleProblem& problem);
 
 // As CheckProblem(). InvalidArgument: bad options. Internal: the solver failed.

@@ -86,8 +86,9 @@ bool LensReprojectionCost::Evaluate(double const* const* parameters, double* res
   r = seen + weight_ * (Vector2d(pinhole_.cx_px, pinhole_.cy_px) - pixel_);
   if (jacobians == nullptr) return true;
   // By the plane: radial I + x (2 k1 + 4 k2 r^2) x^T; the plane by the point in the camera.
-  const Eigen::Matrix2d by_plane = focal.asDiagonal() *
-                      (radial * Eigen::Matrix2d::Identity() + (2.0 * k1 + 4.0 * k2 * r2) * plane * plane.transpose()).eval();
+  const Eigen::Matrix2d by_plane =
+      focal.asDiagonal() *
+      (radial * Eigen::Matrix2d::Identity() + (2.0 * k1 + 4.0 * k2 * r2) * plane * plane.transpose()).eval();
   Eigen::Matrix<double, 2, 3> plane_by_point;
   plane_by_point << 1.0, 0.0, -plane.x(), 0.0, 1.0, -plane.y();
   const Eigen::Matrix<double, 2, 3> by_camera_point = by_plane * plane_by_point / point_c.z();

@@ -41,7 +41,6 @@ class LensAdjuster {
     ceres::Solver::Options solver;
     solver.linear_solver_type = ceres::SPARSE_SCHUR;
     solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
-    solver.linear_solver_ordering = ordering_;
     solver.max_num_iterations = options_.max_iterations;
     solver.function_tolerance = options_.function_tolerance;
     solver.num_threads = 1;
@@ -49,8 +48,10 @@ class LensAdjuster {
     // The same without a lens first: what that still finds is no merit of the lens.
     ceres::Solver::Summary without, with;
     ceres_problem_.SetParameterBlockConstant(lens_.data());
+    solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>(*ordering_);  // Solve() changes it
     ceres::Solve(solver, &ceres_problem_, &without);
     ceres_problem_.SetParameterBlockVariable(lens_.data());
+    solver.linear_solver_ordering = ordering_;
     ceres::Solve(solver, &ceres_problem_, &with);
     if (!without.IsSolutionUsable() || !with.IsSolutionUsable()) {
       return absl::InternalError("lens adjustment: the solver failed: " + with.message);

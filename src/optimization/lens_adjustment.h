@@ -33,13 +33,13 @@ struct LensResult {
   std::vector<SE3> camera_from_map;  // per pose
   std::vector<Vector3d> points;
   double sigma_px = 0.0;  // of an observation at octave 0, per axis, from the residuals left
-  // By how much the sum of squared residuals fell against the same problem with no correction, both at their minimum, in
-  // units of the variance: chi-square with three degrees of freedom if there is nothing to correct.
+  // By how much the sum of squared residuals fell against the same problem with no correction, both at their minimum,
+  // in units of the variance: chi-square with three degrees of freedom if there is nothing to correct.
   double gain = 0.0;
 };
 
-// `problem` should be near its minimum already (AdjustBundle). `camera`: index into problem.cameras; the others stay as they
-// are. `used`: per observation, 0 leaves it out. Errors as AdjustBundle's.
+// `problem` should be near its minimum already (AdjustBundle). `camera`: index into problem.cameras; the others stay as
+// they are. `used`: per observation, 0 leaves it out. Errors as AdjustBundle's.
 absl::StatusOr<LensResult> AdjustLens(const BundleProblem& problem, std::uint32_t camera,
                                       std::span<const std::uint8_t> used, const LensAdjustmentOptions& options = {});
 

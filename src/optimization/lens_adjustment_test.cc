@@ -41,8 +41,7 @@ Scene MakeScene(const LensCorrection& lens, std::uint64_t seed, bool turns = tru
     for (std::uint32_t p = 0; p < points.size(); ++p) {
       const auto pixel = camera.Project(scene.camera_from_map[c] * points[p]);
       if (!pixel || !kPinhole.Contains(*pixel)) continue;
-      scene.problem.observations.push_back(
-          {c, p, *pixel + kNoisePx * Vector2d(random.Normal(), random.Normal()), 1.0});
+      scene.problem.observations.push_back({c, p, *pixel + kNoisePx * Vector2d(random.Normal(), random.Normal()), 1.0});
     }
   }
   scene.problem.points = points;

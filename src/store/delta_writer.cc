@@ -278,7 +278,8 @@ absl::Status DeltaWriter::PutMovedKeypoints(const map::Delta& delta) {
   for (const KeyframeId id : delta.moved_keypoints) {
     while (next != delta.keyframes.end() && (*next)->id < id) ++next;
     if (next == delta.keyframes.end() || (*next)->id != id) {
-      return Rejected(absl::StrCat("the keypoints of keyframe ", id.value(), " moved, but it is not among the changed"));
+      return Rejected(
+          absl::StrCat("the keypoints of keyframe ", id.value(), " moved, but it is not among the changed"));
     }
     CAIRN_RETURN_IF_ERROR(PutFeatures(**next));
   }

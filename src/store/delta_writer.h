@@ -42,7 +42,8 @@ class DeltaWriter {
 
   Database* database_;
   Statement select_map_, put_map_;
-  Statement put_camera_, put_lens_, delete_lens_, put_session_, put_loop_, delete_loops_, put_trajectory_, delete_trajectory_;
+  Statement put_camera_, put_lens_, delete_lens_, put_session_, put_loop_, delete_loops_, put_trajectory_,
+      delete_trajectory_;
   Statement select_keyframe_, put_keyframe_, delete_keyframe_;
   Statement put_features_, count_features_, delete_features_;
   Statement select_point_ids_, put_point_ids_, delete_point_ids_;

@@ -181,7 +181,7 @@ TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
 TEST(MapFaults, FlippedBytesAreFoundOrHarmless) {
   const TempFolder folder;
   const std::string path = folder.File("a.cairn"), broken = folder.File("b.cairn");
-  const SnapshotPtr map = MakeMap(path, 3, 5, {.features = 400, .new_points = 150});
+  const SnapshotPtr map = MakeMap(path, 3, 5, {.features = 600, .new_points = 225});
   const Bits good(*map);
   const std::string bytes = ReadBytes(path);
   Random random(4);

@@ -61,10 +61,8 @@ nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) 
   const Means means = ComputeMeans(map);
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array(), sessions = nlohmann::ordered_json::array();
   for (const auto& [id, camera] : map.cameras()) {
-    cameras.push_back({{"id", id.value()},
-                       {"name", camera.name},
-                       {"model", camera.model.Describe()},
-                       {"lens", LensAsJson(camera)}});
+    cameras.push_back(
+        {{"id", id.value()}, {"name", camera.name}, {"model", camera.model.Describe()}, {"lens", LensAsJson(camera)}});
   }
   for (const auto& [id, session] : map.sessions()) {
     std::int64_t keyframes = 0;
@@ -127,8 +125,9 @@ void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const s
     std::printf("  camera %lld: %s\n", camera["id"].get<long long>(), camera["model"].get<std::string>().c_str());
     if (camera["lens"].is_null()) continue;
     const auto lens = [&](const char* key) { return camera["lens"][key].get<double>(); };
-    std::printf("    lens corrected by the map: focal length x %.4f, k1 %.4f, k2 %.4f (%.2f px on average, up to %.2f px)\n",
-                lens("focal_scale"), lens("k1"), lens("k2"), lens("shift_rms_px"), lens("shift_max_px"));
+    std::printf(
+        "    lens corrected by the map: focal length x %.4f, k1 %.4f, k2 %.4f (%.2f px on average, up to %.2f px)\n",
+        lens("focal_scale"), lens("k1"), lens("k2"), lens("shift_rms_px"), lens("shift_max_px"));
   }
   for (const auto& session : info["sessions"]) {
     std::printf(

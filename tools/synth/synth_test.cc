@@ -64,6 +64,8 @@ TEST(Materials, SeededDistinctAndFullOfGradients) {
     const double strength = cv::norm(dx, cv::NORM_L1) / static_cast<double>(a.total());
     if (material == Material::kBlank) {
       EXPECT_LT(strength, 3.0);
+    } else if (material == Material::kStripes) {
+      EXPECT_GT(strength, 0.8) << "gentle slopes, but everywhere";
     } else {
       EXPECT_GT(strength, 5.0) << m;
     }
