@@ -25,7 +25,7 @@ absl::Status FeatureMapperOptions::Validate() const {
   if (!(insert_below_share >= 0.0 && insert_below_share <= 1.0)) return bad("insert_below_share must be in [0, 1]");
   if (triangulation_neighbours < 1) return bad("triangulation_neighbours must be at least 1");
   if (covered_points < 0) return bad("covered_points must not be negative");
-  if (covered_observers < 1) return bad("covered_observers must be at least 1");
+  if (covered_age < 0) return bad("covered_age must not be negative");
   if (!(min_parallax_deg > 0.0)) return bad("min_parallax_deg must be positive");
   if (!(min_baseline_share >= 0.0)) return bad("min_baseline_share must not be negative");
   if (!(max_chi_square > 0.0)) return bad("max_chi_square must be positive");

@@ -45,9 +45,10 @@ struct FeatureMapperOptions {
 
   // New points.
   int triangulation_neighbours = 6;
-  // So many points in one of 8 x 8 cells of the image, each seen by so many keyframes: no further ones are made there.
+  // So many points in one of 8 x 8 cells of the image, first seen so many keyframes ago: no further ones are made
+  // there.
   int covered_points = 8;  // 0: no limit
-  int covered_observers = 3;
+  int covered_age = 10;
   double min_parallax_deg = 1.0;
   double min_baseline_share = 0.01;  // of the median scene depth, between two keyframes
   double max_chi_square = 5.991;     // of a reprojection error, 2 degrees of freedom, 95 %

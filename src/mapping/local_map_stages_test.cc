@@ -52,7 +52,7 @@ TEST(NewPoints, AreNotMadeWhereThePointsAreEnough) {
     if (left ? i % 10 != 0 : i % 2 == 0) edit.ErasePoint(last.points[i]);
   }
   constexpr int kEnough = 4;
-  const auto covered = CoveredFeatures(edit, KeyframeId(5), kEnough, 2);
+  const auto covered = CoveredFeatures(edit, KeyframeId(5), kEnough, 1);
   int left = 0, right = 0;
   for (std::size_t i = 0; i < covered.size(); ++i) {
     (last.keypoints()[i].x_px < 320.0f ? left : right) += covered[i];
@@ -62,7 +62,7 @@ TEST(NewPoints, AreNotMadeWhereThePointsAreEnough) {
 
   TriangulationOptions options;
   options.covered_points = kEnough;
-  options.covered_observers = 2;
+  options.covered_age = 1;
   const std::vector<KeyframeId> neighbours = {KeyframeId(1), KeyframeId(2)};
   const auto added =
       TriangulateWith(edit, KeyframeId(5), neighbours, {}, 1.0, DepthRangeOf(edit, KeyframeId(5)), options);
@@ -76,8 +76,8 @@ TEST(NewPoints, AreNotMadeWhereThePointsAreEnough) {
   const auto all =
       TriangulateWith(edit, KeyframeId(5), neighbours, {}, 1.0, DepthRangeOf(edit, KeyframeId(5)), options);
   EXPECT_GT(all.size(), 50u) << "the others were left out for being covered";
-  // Points that few keyframes have seen cover nothing: a young map grows freely.
-  const auto young = CoveredFeatures(edit, KeyframeId(5), kEnough, 6);
+  // Points that have just come cover nothing: where the camera is for the first time, the map grows freely.
+  const auto young = CoveredFeatures(edit, KeyframeId(5), kEnough, 5);
   EXPECT_EQ(std::count(young.begin(), young.end(), 1), 0);
 }
 

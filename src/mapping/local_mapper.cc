@@ -64,7 +64,7 @@ void LocalMapper::AddPoints(map::Edit& edit, const InsertionRequest& request, In
   triangulation.min_baseline_share = options_.min_baseline_share;
   triangulation.max_chi_square = options_.max_chi_square;
   triangulation.covered_points = options_.covered_points;
-  triangulation.covered_observers = options_.covered_observers;
+  triangulation.covered_age = options_.covered_age;
   std::vector<PointId> added =
       TriangulateWith(edit, report->keyframe, neighbours, request.depths, request.map_per_direct,
                       DepthRangeOf(edit, report->keyframe), triangulation);

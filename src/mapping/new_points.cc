@@ -220,8 +220,7 @@ DepthRange DepthRangeOf(const map::Edit& edit, KeyframeId id) {
   return {0.2 / far, 2.0 / near, depths[depths.size() / 2]};
 }
 
-std::vector<std::uint8_t> CoveredFeatures(const map::Edit& edit, KeyframeId id, int points_per_cell,
-                                          int min_observers) {
+std::vector<std::uint8_t> CoveredFeatures(const map::Edit& edit, KeyframeId id, int points_per_cell, int min_age) {
   const map::Keyframe& keyframe = edit.keyframe(id);
   const Pinhole& pinhole = edit.pinhole(keyframe.camera);
   std::vector<std::uint8_t> covered(keyframe.points.size(), 0);
@@ -235,7 +234,9 @@ std::vector<std::uint8_t> CoveredFeatures(const map::Edit& edit, KeyframeId id, 
   };
   for (std::size_t i = 0; i < covered.size(); ++i) {
     const PointId point = keyframe.points[i];
-    if (point && static_cast<int>(edit.point(point).observations.size()) >= min_observers) ++points_in[cell_of(i)];
+    if (!point) continue;
+    const auto age = id.value() - edit.point(point).observations.front().keyframe.value();
+    if (static_cast<int>(age) >= min_age) ++points_in[cell_of(i)];
   }
   for (std::size_t i = 0; i < covered.size(); ++i) covered[i] = points_in[cell_of(i)] >= points_per_cell ? 1 : 0;
   return covered;
@@ -246,8 +247,7 @@ std::vector<PointId> TriangulateWith(map::Edit& edit, KeyframeId id, std::span<c
                                      const DepthRange& range, const TriangulationOptions& options) {
   std::vector<PointId> added;
   if (!range.valid()) return added;
-  const std::vector<std::uint8_t> covered =
-      CoveredFeatures(edit, id, options.covered_points, options.covered_observers);
+  const std::vector<std::uint8_t> covered = CoveredFeatures(edit, id, options.covered_points, options.covered_age);
   const image::OrbParameters& orb = edit.info().orb;
   for (const KeyframeId neighbour_id : neighbours) {
     if (neighbour_id == id) continue;

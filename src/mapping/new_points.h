@@ -35,16 +35,16 @@ struct TriangulationOptions {
   double max_epipolar_chi_square = 3.841;  // of the distance to the epipolar line, 1 degree of freedom
   double extra_sigma_px = 0.0;             // of the poses, added to the features' own
   int covered_points = 0;                  // see CoveredFeatures(); 0: none is covered
-  int covered_observers = 3;
+  int covered_age = 10;
   int max_distance = 60;  // Hamming, bits
   double max_ratio = 0.85;
 };
 
 // Where a keyframe observes enough points that are long known, more of them would make the map denser and not wider,
 // and where a camera comes again and again they would pile up: the features in those of 8 x 8 cells of the image that
-// hold at least `points_per_cell` (0: no limit) points with at least `min_observers` have 1, all others 0.
-std::vector<std::uint8_t> CoveredFeatures(const map::Edit& edit, KeyframeId keyframe, int points_per_cell,
-                                          int min_observers);
+// hold at least `points_per_cell` (0: no limit) points first seen at least `min_age` keyframes ago have 1, all others
+// 0.
+std::vector<std::uint8_t> CoveredFeatures(const map::Edit& edit, KeyframeId keyframe, int points_per_cell, int min_age);
 
 // For each feature of `keyframe` without a point: the best match along the epipolar line in each of `neighbours` in
 // turn, until one passes all gates. The search covers `range`, or what the feature's own depth leaves of it. Returns
