@@ -28,6 +28,13 @@ std::vector<std::uint8_t> Inliers(const optimization::BundleProblem& problem) {
   return inliers;
 }
 
+// How far a lens is from the calibration, by the prior's standard deviations; of its parameters the farthest.
+double PriorSigmas(const LensCorrection& lens) {
+  const optimization::LensAdjustmentOptions prior;
+  return std::max({std::abs(std::log(lens.focal_scale)) / prior.log_focal_sigma, std::abs(lens.k1) / prior.k1_sigma,
+                   std::abs(lens.k2) / prior.k2_sigma});
+}
+
 LensReport Judge(const optimization::LensResult& result, const Pinhole& pinhole, const LensRefinementOptions& options) {
   LensReport report;
   report.lens = result.lens;
@@ -37,7 +44,8 @@ LensReport Judge(const optimization::LensResult& result, const Pinhole& pinhole,
   const std::string found = absl::StrFormat("focal length x %.4f, k1 %.4f, k2 %.4f: %.2f px on average, up to %.2f px",
                                             result.lens.focal_scale, result.lens.k1, result.lens.k2,
                                             report.shift.rms_px, report.shift.max_px);
-  if (!(report.shift.max_px <= options.max_shift_share * diagonal_px)) {
+  if (!(report.shift.max_px <= options.max_shift_share * diagonal_px) ||
+      !(PriorSigmas(result.lens) <= options.max_sigmas)) {
     report.reason = absl::StrCat("not corrected: the images suggest another camera (", found, "); calibrate it");
   } else if (!(report.gain >= options.min_gain)) {
     report.reason = "as calibrated: the images say nothing else";
@@ -52,6 +60,7 @@ LensReport Judge(const optimization::LensResult& result, const Pinhole& pinhole,
 
 absl::Status LensRefinementOptions::Validate() const {
   if (!(min_gain > 0.0)) return absl::InvalidArgumentError("lens refinement: min_gain must be positive");
+  if (!(max_sigmas > 0.0)) return absl::InvalidArgumentError("lens refinement: max_sigmas must be positive");
   if (!(max_shift_share > 0.0)) return absl::InvalidArgumentError("lens refinement: max_shift_share must be positive");
   return absl::OkStatus();
 }

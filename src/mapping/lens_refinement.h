@@ -17,7 +17,9 @@ struct LensRefinementOptions {
   // Chi-square that the lens must explain (three degrees of freedom; 16 would be significant if errors were
   // independent, which those of neighbouring features are not).
   double min_gain = 60.0;
-  // Of the image's diagonal: what moves pixels further is no remainder, but another camera.
+  // What is further from the calibration than so many standard deviations of the prior (LensAdjustmentOptions), or
+  // moves pixels by more than this share of the image's diagonal, is no remainder but another camera.
+  double max_sigmas = 3.0;
   double max_shift_share = 0.03;
 
   absl::Status Validate() const;

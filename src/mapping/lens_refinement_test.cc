@@ -43,7 +43,7 @@ std::vector<KeyframeId> AllOf(const map::Snapshot& map) {
 
 TEST(LensRefinement, FindsALensAndCorrectsTheMap) {
   const TestMap world = MakeMap(5, 25, 1200, 0.3);
-  const LensCorrection truth{0.98, 0.05, -0.03};
+  const LensCorrection truth{0.995, 0.04, -0.03};
   const auto bent = SeenThrough(truth, world);
   map::Edit edit(bent);
   const auto report = RefineLens(edit, AllOf(*bent), world.camera, {});
@@ -87,11 +87,9 @@ TEST(LensRefinement, KeepsARightCalibration) {
 
 TEST(LensRefinement, RefusesAnotherCamera) {
   const TestMap world = MakeMap(9, 25, 1200, 0.3);
-  const auto bent = SeenThrough({0.98, 0.03, -0.02}, world);
-  LensRefinementOptions strict;
-  strict.max_shift_share = 0.001;
+  const auto bent = SeenThrough({0.9, 0.15, -0.1}, world);
   map::Edit edit(bent);
-  const auto report = RefineLens(edit, AllOf(*bent), world.camera, strict);
+  const auto report = RefineLens(edit, AllOf(*bent), world.camera, {});
   ASSERT_TRUE(report.ok() && report->has_value()) << report.status();
   EXPECT_FALSE((*report)->applied);
   EXPECT_NE((*report)->reason.find("calibrate"), std::string::npos) << (*report)->reason;

@@ -21,9 +21,9 @@ struct LensAdjustmentOptions {
   int max_iterations = 50;
   double function_tolerance = 1e-7;
   // Priors: the calibration is about right. They hold what the observations leave open.
-  double log_focal_sigma = 0.02;
-  double k1_sigma = 0.05;
-  double k2_sigma = 0.05;
+  double log_focal_sigma = 0.005;
+  double k1_sigma = 0.02;
+  double k2_sigma = 0.02;
 
   absl::Status Validate() const;
 };

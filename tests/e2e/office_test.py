@@ -61,13 +61,13 @@ class Office(unittest.TestCase):
         self.assertEqual(result['within_share'], 0)
 
     def test_a_lens_that_is_not_as_calibrated_is_found_and_corrected(self):
-        """The same recording with a calibration whose focal length is 3 % too long."""
+        """The same recording with a calibration that believes in a distortion which is not there."""
         lines = (self.first / 'mav0' / 'cam0' / 'sensor.yaml').read_text()
         values = [float(v) for v in re.search(r'intrinsics: *\[(.*?)\]', lines).group(1).split(',')]
         size = re.search(r'resolution: *(\[.*?\])', lines).group(1)
         wrong = self.folder / 'wrong.yaml'
-        wrong.write_text(f'model: pinhole\nresolution_px: {size}\nintrinsics_px: '
-                         f'[{1.03 * values[0]}, {1.03 * values[1]}, {values[2]}, {values[3]}]\n')
+        wrong.write_text(f'model: radial_tangential\nresolution_px: {size}\nintrinsics_px: {values}\n'
+                         'distortion: [0.04, 0, 0, 0]\n')
         found, frames, ate = {}, self.folder / 'lens.txt', {}
         for name, extra in (('corrected', []), ('fixed', ['--fixed-lens'])):
             report = must('run', self.first, '--camera', wrong, '--map', self.folder / f'{name}.cairn', '--trajectory', frames,
@@ -76,9 +76,18 @@ class Office(unittest.TestCase):
             ate[name] = must('eval', 'ate', frames, self.first / 'groundtruth_cam0.txt')['ate_m']
         self.assertTrue(found['corrected']['corrected'], found)
         self.assertIsNone(found['fixed'])
-        self.assertAlmostEqual(found['corrected']['focal_scale'], 1 / 1.03, delta=0.01)
-        self.assertLess(ate['corrected'], 0.02)
-        self.assertLess(ate['corrected'], 0.6 * ate['fixed'])
+        self.assertAlmostEqual(found['corrected']['focal_scale'], 1.0, delta=0.01)
+        self.assertAlmostEqual(found['corrected']['k1'], -0.04, delta=0.01)
+        self.assertLess(ate['corrected'], 0.015)
+        self.assertLess(ate['corrected'], 0.4 * ate['fixed'])
+        # Nothing but a map replaces a map.
+        before = (self.folder / 'fixed.cairn').read_bytes()
+        for option in ('--trajectory', '--live-poses', '--keyframes'):
+            refused = cairn('run', self.first, '--map', self.folder / 'other.cairn', option, self.folder / 'fixed.cairn',
+                            '--overwrite')
+            self.assertEqual(refused.returncode, 1)
+            self.assertIn('is a map', refused.stdout + refused.stderr)
+        self.assertEqual((self.folder / 'fixed.cairn').read_bytes(), before)
         # A right calibration is left alone.
         self.assertFalse(self.report['lens']['corrected'], self.report['lens'])
         self.assertIsNone(must('info', self.map)['cameras'][0]['lens'])

@@ -45,7 +45,28 @@ void PrintJson(const nlohmann::ordered_json& json) {
   std::cout << json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << "\n";
 }
 
-absl::Status CheckWritable(const std::string& path, bool overwrite) {
+namespace {
+
+// A Cairn map by its header, or by the files that stand beside it while it is written; or one of these.
+bool BelongsToMap(const std::string& path) {
+  std::error_code error;
+  for (const char* suffix : {"-wal", "-shm", "-lock", "-journal"}) {
+    if (std::filesystem::exists(path + suffix, error)) return true;
+    if (absl::EndsWith(path, suffix) &&
+        std::filesystem::exists(path.substr(0, path.size() - std::strlen(suffix)), error)) {
+      return true;
+    }
+  }
+  if (!std::filesystem::is_regular_file(path, error)) return false;
+  char header[72] = {};
+  std::ifstream file(path, std::ios::binary);
+  file.read(header, sizeof(header));
+  return absl::string_view(header, 15) == "SQLite format 3" && absl::string_view(header + 68, 4) == "CAIR";
+}
+
+}  // namespace
+
+absl::Status CheckWritable(const std::string& path, bool overwrite, bool is_map) {
   std::error_code error;
   if (!path.empty() && !overwrite && std::filesystem::exists(path, error)) {
     return absl::AlreadyExistsError(
@@ -63,6 +84,10 @@ absl::Status CheckWritable(const std::string& path, bool overwrite) {
   if (access(folder.c_str(), W_OK) != 0) {
     return absl::PermissionDeniedError(
         absl::StrCat("the folder of ", path, " cannot be written: ", std::strerror(errno)));
+  }
+  if (!is_map && BelongsToMap(path)) {
+    return absl::AlreadyExistsError(
+        absl::StrCat(path, " is a map, or belongs to one, and is not replaced by anything else: choose another name"));
   }
   return absl::OkStatus();
 }

@@ -36,8 +36,8 @@ int Fail(const std::string& verb, const absl::Status& status, bool json);
 void PrintJson(const nlohmann::ordered_json& json);
 
 // OK if `path` may be written: its folder can be, and it does not exist, or is a file and `overwrite`. The message
-// names the remedy.
-absl::Status CheckWritable(const std::string& path, bool overwrite);
+// names the remedy. What is no map never replaces one, nor a file that belongs to one.
+absl::Status CheckWritable(const std::string& path, bool overwrite, bool is_map = false);
 
 // InvalidArgument if two outputs are the same file, or an output is one of the inputs, or a file in a folder
 // that is one (unless it looks like an earlier map, trajectory or drawing); empty names count for nothing.

@@ -45,10 +45,11 @@ void AddRunCommand(CLI::App& app, Action* action) {
   CLI::Option* name = verb->add_option("--name", options->name, "Name of the map; the sequence's if not given");
   verb->add_option("--trajectory", options->trajectory,
                    "Write the final pose of every frame to this file (TUM format)");
-  CLI::Option* live_poses =
-      verb->add_option("--live-poses", options->live_poses,
-                       "Write the pose of each frame in the map to this file as soon as it is tracked (TUM format, a "
-                       "line each): what was known then, without what loops and adjustments improved since");
+  CLI::Option* live_poses = verb->add_option(
+      "--live-poses", options->live_poses,
+      "Write the pose of each frame in the map to this file as soon as it is tracked (TUM format, a "
+      "line each): what was known then, without what loops and adjustments improved since. There is none before "
+      "the first keyframes are in the map, which comes after they have left the odometry's window");
   verb->add_option("--keyframes", options->keyframes,
                    "Write the poses of the map's keyframes to this file (TUM format)");
   CLI::Option* poses =
@@ -87,6 +88,7 @@ void AddRunCommand(CLI::App& app, Action* action) {
   verb->add_flag("--full-resolution", options->full_resolution, "Track on full instead of half resolution: slower");
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
+  poses->excludes(live_poses);
   for (CLI::Option* of_maps : {map, name, poses, vocabulary, picture, vo, fixed_lens, live_poses}) {
     odometry_only->excludes(of_maps);
   }

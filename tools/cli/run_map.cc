@@ -138,7 +138,7 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
   for (const std::string* output : {&options.trajectory, &options.live_poses, &options.keyframes, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
-  CAIRN_RETURN_IF_ERROR(CheckWritable(options.map, options.overwrite));
+  CAIRN_RETURN_IF_ERROR(CheckWritable(options.map, options.overwrite, /*is_map=*/true));
   CAIRN_RETURN_IF_ERROR(
       CheckDistinct({options.map, options.trajectory, options.live_poses, options.keyframes, options.picture},
                     {options.input.sequence, options.input.open.camera_path, options.poses, options.vocabulary}));
@@ -201,12 +201,19 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
       engine::Session::Create(session_options, run.session_source, &run.vocabulary, run.writer.get()));
   engine::SessionReport report;
   std::ofstream live;
-  if (!options.live_poses.empty()) live.open(options.live_poses);
+  std::int64_t live_poses = 0;
+  if (!options.live_poses.empty()) {
+    live.open(options.live_poses);
+    if (!live) return absl::PermissionDeniedError(absl::StrCat(options.live_poses, " cannot be written"));
+  }
   const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
     if (live.is_open()) {
       const std::optional<SE3> pose = session->PoseInMap(result);
-      if (pose) live << io::FormatTumLine({result.time_ns, *pose}) << std::flush;
+      if (pose) {
+        live << io::FormatTumLine({result.time_ns, *pose}) << std::flush;
+        ++live_poses;
+      }
       if (!live) return absl::DataLossError(absl::StrCat(options.live_poses, ": cannot be written"));
     }
     const bool waits = result.state == direct::TrackingState::kInitializing;
@@ -226,6 +233,10 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_RETURN_IF_ERROR(WriteMapOutputs(options, *run.writer->Current(), frame_poses));
   PrintReport(options, report, run.writer->Current()->sessions().rbegin()->second, run.source->info(), feed,
               *interrupt);
+  if (live.is_open() && !options.json) {
+    std::printf("  %lld of %lld frames had a pose in the map when they were tracked\n",
+                static_cast<long long>(live_poses), static_cast<long long>(report.frames));
+  }
   return absl::OkStatus();
 }
 
