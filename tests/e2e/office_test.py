@@ -85,8 +85,8 @@ class Office(unittest.TestCase):
         for option in ('--trajectory', '--live-poses', '--keyframes'):
             refused = cairn('run', self.first, '--map', self.folder / 'other.cairn', option, self.folder / 'fixed.cairn',
                             '--overwrite')
-            self.assertEqual(refused.returncode, 1)
-            self.assertIn('is a map', refused.stdout + refused.stderr)
+            self.assertEqual(refused.code, 1)
+            self.assertIn('is a map', refused.out + refused.err)
         self.assertEqual((self.folder / 'fixed.cairn').read_bytes(), before)
         # A right calibration is left alone.
         self.assertFalse(self.report['lens']['corrected'], self.report['lens'])
