@@ -1,5 +1,6 @@
 #include "optimization/lens_adjustment.h"
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -60,7 +61,7 @@ Scene MakeScene(const LensCorrection& lens, std::uint64_t seed, bool turns = tru
   return scene;
 }
 
-TEST(LensAdjustmentTest, JacobiansAgreeWithDifferences) {
+TEST(LensAdjustmentTest, JacobiansAgreeWithDifferencesAndAutodiff) {
   Random random(5);
   const internal::LensReprojectionCost cost(kPinhole, Vector2d(300, 200), 1.7);
   for (int trial = 0; trial < 20; ++trial) {
@@ -99,6 +100,25 @@ TEST(LensAdjustmentTest, JacobiansAgreeWithDifferences) {
       check(evaluate(none, point, lens + x), evaluate(none, point, lens - x), by_lens.col(i));
     }
     EXPECT_EQ(by_pose.col(6), Vector2d::Zero());
+
+    // Exp(x) ~ (I + [w], t) to first order, which is all that derivatives at x = 0 see.
+    using Jet = ceres::Jet<double, 12>;
+    Eigen::Matrix<Jet, 3, 1> p, t, w, l;
+    for (int i = 0; i < 3; ++i) {
+      t[i] = Jet(0.0, i), w[i] = Jet(0.0, 3 + i), p[i] = Jet(point[i], 6 + i), l[i] = Jet(lens[i], 9 + i);
+    }
+    const Eigen::Matrix<Jet, 3, 1> in_camera = pose.RotationMatrix().cast<Jet>() * p + pose.translation().cast<Jet>();
+    const Eigen::Matrix<Jet, 3, 1> moved = in_camera + w.cross(in_camera) + t;
+    const Jet x = moved[0] / moved[2], y = moved[1] / moved[2], r2 = x * x + y * y;
+    const Jet radial = exp(l[0]) * (1.0 + r2 * (l[1] + r2 * l[2]));
+    const Jet u = (kPinhole.fx_px * radial * x + kPinhole.cx_px - 300.0) / 1.7;
+    const Jet v = (kPinhole.fy_px * radial * y + kPinhole.cy_px - 200.0) / 1.7;
+    EXPECT_NEAR(u.a, residual[0], 1e-9);
+    EXPECT_NEAR(v.a, residual[1], 1e-9);
+    Eigen::Matrix<double, 2, 12> autodiff, analytic;
+    autodiff << u.v.transpose(), v.v.transpose();
+    analytic << by_pose.leftCols<6>(), by_point, by_lens;
+    EXPECT_LT((autodiff - analytic).norm(), 1e-9 * (1.0 + analytic.norm()));
   }
 }
 
