@@ -1,6 +1,8 @@
 #include "direct/coarse_tracker.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
@@ -219,6 +221,7 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const F
       const double count = std::max(1, points.count);
       outcome.visible_share = system.sums.visible / count;
       outcome.good_share = (system.sums.visible - system.sums.saturated) / count;
+      outcome.weakest_sigma_px = WeakestSigmaPx(system.sums.h, reference.mean_inverse_depth);
     }
   }
   outcome.new_from_reference = pose;
@@ -226,6 +229,23 @@ TrackingOutcome CoarseTracker::Align(const TrackingReference& reference, const F
   outcome.converged = pose.translation().allFinite() && reference.level[0].count > 0;
   Flow(reference, &outcome);
   return outcome;
+}
+
+double CoarseTracker::WeakestSigmaPx(const float* h, double mean_inverse_depth) const {
+  // In pixels: rotation, and translation at the reference's mean depth; the light eliminated.
+  const double fx_px = geometry_.camera[0].fx_px;
+  const Eigen::Matrix<double, 8, 8> all = Eigen::Map<const Eigen::Matrix<float, 8, 8>>(h).cast<double>();
+  Eigen::Matrix2d light = all.bottomRightCorner<2, 2>();
+  light.diagonal() *= 1.0 + 1e-9;
+  light.diagonal().array() += 1e-9;
+  Eigen::Matrix<double, 6, 6> pose = all.topLeftCorner<6, 6>();
+  pose -= all.topRightCorner<6, 2>() * light.inverse() * all.bottomLeftCorner<2, 6>();
+  Eigen::Matrix<double, 6, 1> per_px;
+  per_px.head<3>().setConstant(1.0 / (fx_px * mean_inverse_depth));
+  per_px.tail<3>().setConstant(1.0 / fx_px);
+  pose = per_px.asDiagonal() * pose * per_px.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> eigen(pose, Eigen::EigenvaluesOnly);
+  return kResidualSigmaGray / std::sqrt(std::max(eigen.eigenvalues()[0], 1e-6));
 }
 
 void CoarseTracker::Flow(const TrackingReference& reference, TrackingOutcome* outcome) const {

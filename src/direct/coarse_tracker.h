@@ -55,6 +55,7 @@ struct TrackingOutcome {
   double good_share = 0.0;           // of the reference points on level 0: visible and below the cutoff
   double flow_px = 0.0;              // root mean square motion of the points on level 0
   double translation_flow_px = 0.0;  // the same without the rotation
+  double weakest_sigma_px = 0.0;     // of the motion in the direction that the image tells least about, without a prior
 };
 
 class CoarseTracker {
@@ -72,6 +73,7 @@ class CoarseTracker {
                         double* level_rms) const;
 
  private:
+  double WeakestSigmaPx(const float* h, double mean_inverse_depth) const;
   void Flow(const TrackingReference& reference, TrackingOutcome* outcome) const;
 
   PyramidGeometry geometry_;

@@ -3,17 +3,19 @@
 // far away and hold the camera still, those on what moves by itself pull it along.
 //
 // The view is divided into cells; three signs tell, at every keyframe:
-//  - the tracked points of a cell cease to fit in bulk, while those elsewhere go on fitting (an obstacle comes in);
+//  - the pattern seen there before is not found any more, and the tracked points of a cell cease to fit in bulk, while
+//    those elsewhere go on fitting (an obstacle comes in);
 //  - the texture of a cell stays where it is in the image although the camera turned (it moves with the camera); this
 //    counts only where no tracked points say otherwise, since a turn about a near thing keeps that still as well;
-//  - what was seen in a cell before, carried over with its depths, correlates with it or does not (it is gone again).
+//  - what was seen in a cell before anything was covered, carried over with its depths, is found or not (it is gone
+//    again).
 // A cell without any sign is given free after kMaxCoveredS, so that what stays becomes part of the world.
 #pragma once
 
 #include <array>
 
 #include "base/time.h"
-#include "direct/coarse_tracker.h"
+#include "direct/alignment_check.h"
 #include "direct/image_pyramid.h"
 #include "direct/view_cells.h"
 #include "geometry/pinhole.h"
@@ -39,9 +41,9 @@ class CoverMask {
   // What stayed in place although the camera turned. `gain` and `offset` take gray levels of `before` to `newest`.
   void AddStill(const ImagePyramid& newest, const ImagePyramid& before, const Matrix3d& newest_from_before, double gain,
                 double offset);
-  // What is seen again of a view from before anything was covered.
-  void AddUncovered(const PyramidGeometry& geometry, const TrackingReference& clear, const ImagePyramid& newest,
-                    const SE3& newest_from_clear);
+  // How well the pattern seen in each cell before is found where the poses put it (CellGrid::kImage); of several views
+  // the first one counts that knows a cell.
+  void AddMatches(const CellMatches& matches);
   void Decide(TimeNs time_ns);
 
   bool any() const { return covered_cells_ > 0; }
@@ -59,11 +61,15 @@ class CoverMask {
     // Of this keyframe.
     int fits = 0, fails = 0;
     int moves = 0, still = 0;  // pixels with texture that a turn would have changed
-    bool seen_again = false;
+    CellMatch match;
     bool IsStill() const;
+    bool Moves() const;
+    bool Fits() const;
+    bool Fails() const;
+    bool Judged() const;
   };
 
-  std::size_t Cell(double x_px, double y_px) const;
+  std::size_t Cell(double x_px, double y_px) const { return CellOf(camera_, x_px, y_px); }
 
   Pinhole camera_;
   std::array<State, kColumns* kRows> cells_ = {};

@@ -103,6 +103,21 @@ TEST(CoverMask, WhatStaysInTheImageWhileTheCameraTurnsIsCovered) {
   EXPECT_EQ(covered(true).second, 0);    // points that are tracked there know better
 }
 
+// Points may fit by chance on a dull obstacle; its pattern is another one all the same.
+TEST(CoverMask, APatternThatIsNotFoundOutweighsPointsThatFit) {
+  CoverMask mask(Camera());
+  mask.Begin();
+  AddPoints([](int, int, int) { return false; }, &mask);
+  CellMatches matches;
+  for (std::size_t k = 0; k < matches.size(); ++k) matches[k] = {true, k % CoverMask::kColumns < 4 ? 0.2 : 0.95};
+  matches[9] = {};  // among covered ones, and nothing is known of it
+  mask.AddMatches(matches);
+  mask.Decide(kSecond);
+  EXPECT_TRUE(mask.Covered(60.0f, 30.0f));
+  EXPECT_FALSE(mask.Covered(120.0f, 30.0f));
+  EXPECT_FALSE(mask.Covered(36.0f, 36.0f)) << "its points say that it is free";
+}
+
 // What was seen behind the obstacle is seen again.
 TEST(CoverMask, IsFreeWhereTheViewOfBeforeIsSeenAgain) {
   const Pinhole camera = testing::TestCamera();
@@ -128,7 +143,9 @@ TEST(CoverMask, IsFreeWhereTheViewOfBeforeIsSeenAgain) {
   frame.image(cv::Rect(0, 144, 384, 144)).setTo(70);  // the lower half is still behind something
   pyramid.Build(frame, geometry);
   mask.Begin();
-  mask.AddUncovered(geometry, reference, pyramid, testing::SwayPose(4).Inverse() * testing::SwayPose(0));
+  CellMatcher matcher;
+  mask.AddMatches(matcher.Match(geometry, reference, pyramid, testing::SwayPose(4).Inverse() * testing::SwayPose(0),
+                                CellGrid::kImage, 3));
   mask.Decide(kSecond + kSecond / 4);
   EXPECT_FALSE(mask.Covered(60.0f, 30.0f));
   EXPECT_TRUE(mask.Covered(60.0f, 110.0f));

@@ -7,6 +7,7 @@ namespace cairn::direct {
 namespace {
 
 constexpr int kNearPx = 3;
+constexpr int kMatchReachPx = 3;
 
 // Whether a point is found near to where it is expected: where the pose is a little off, most points do not fit, but
 // all are near; behind an obstacle none is.
@@ -66,15 +67,22 @@ void Odometry::Impl::FindCover() {
                                                    static_cast<float>(options_.huber_gray), limit);
     cover_.AddTracked(positions_[i].x, positions_[i].y, fits);
   }
+  std::shared_ptr<const TrackingReference> last;
+  {
+    std::lock_guard lock(mutex_);
+    if (!references_.empty()) last = references_.back();
+  }
+  for (const auto& reference : {last, clear_reference_}) {
+    if (reference == nullptr) continue;
+    const SE3 newest_from_reference = keyframe.camera_from_direct * KeyframePoseOf(reference->keyframe);
+    cover_.AddMatches(mapping_matcher_.Match(geometry_, *reference, keyframe.data->pyramid, newest_from_reference,
+                                             CellGrid::kImage, kMatchReachPx));
+  }
   const double gain = ExposureRatio(keyframe.data->frame.exposure_gain, before.data->frame.exposure_gain) *
                       std::exp(keyframe.light.a - before.light.a);
   cover_.AddStill(keyframe.data->pyramid, before.data->pyramid,
                   (keyframe.camera_from_direct * before.camera_from_direct.Inverse()).RotationMatrix(), gain,
                   keyframe.light.b - gain * before.light.b);
-  if (cover_.any() && clear_reference_ != nullptr) {
-    cover_.AddUncovered(geometry_, *clear_reference_, keyframe.data->pyramid,
-                        keyframe.camera_from_direct * KeyframePoseOf(clear_reference_->keyframe));
-  }
   cover_.Decide(keyframe.data->frame.time_ns);
   if (!cover_.any()) return;
   for (std::size_t i = 0; i < window_.points().size(); ++i) {

@@ -1,6 +1,7 @@
 // The state of Odometry. Files: odometry.cc (interface, results, packets), odometry_tracking.cc (poses of frames),
-// odometry_mapping.cc (keyframes), odometry_cover.cc (obstacles), odometry_start.cc (first keyframes),
-// odometry_confirmation.cc (was the start right), odometry_recovery.cc (going on from a known view).
+// odometry_alignment.cc (which motion explains a frame), odometry_mapping.cc (keyframes), odometry_cover.cc
+// (obstacles), odometry_start.cc (first keyframes), odometry_confirmation.cc (was the start right),
+// odometry_recovery.cc (going on from a known view).
 #pragma once
 
 #include <chrono>
@@ -12,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "direct/alignment_check.h"
 #include "direct/coarse_tracker.h"
 #include "direct/cover_mask.h"
 #include "direct/feature_start.h"
@@ -64,6 +66,7 @@ class Odometry::Impl {
     std::int64_t reference = -1;
     SE3 keyframe_from_camera;
     AffineLight light;
+    CellSet covered = {};  // of the image, by an obstacle
   };
 
   struct Retained {
@@ -94,19 +97,33 @@ class Odometry::Impl {
   // odometry_tracking.cc
   FrameResult TrackFrame(const Frame& frame, std::size_t position, Job* job);
   const std::vector<SE3>& Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide);
-  bool AlignBest(const TrackingReference& reference, const FrameData& data, const std::vector<SE3>& guesses,
-                 double sigma_px, double expected_rms, TrackingOutcome* best) const;
   double MotionSigmaPx() const;
   void LearnPredictionError(const TrackingReference& reference, const SE3& predicted, const SE3& found);
-  bool SearchReferences(std::span<const std::shared_ptr<const TrackingReference>> newest_first, const FrameData& data,
-                        TimeNs time_ns, TrackingOutcome* outcome, std::shared_ptr<const TrackingReference>* found);
-  void AlignUncovered(const TrackingReference& reference, const FrameData& data, TrackingOutcome* outcome);
-  bool Plausible(const TrackingReference& reference, const FrameData& data, const TrackingOutcome& outcome) const;
-  double Quality(const TrackingOutcome& outcome) const;
   bool NeedsKeyframe(const TrackingReference& reference, const TrackingOutcome& outcome);
 
+  // odometry_alignment.cc
+  // Beyond this uncertainty of the motion (TrackingOutcome::weakest_sigma_px) a frame is carried on by the prediction.
+  static constexpr double kCarriedSigmaPx = 4.0;
+  bool AlignView(const TrackingReference& reference, const FrameData& data, const std::vector<SE3>& guesses,
+                 TrackingOutcome* outcome, CellSet* covered);
+  bool AlignBest(const TrackingReference& reference, const FrameData& data, const std::vector<SE3>& guesses,
+                 double sigma_px, double expected_rms, TrackingOutcome* best) const;
+  bool SearchReferences(std::span<const std::shared_ptr<const TrackingReference>> newest_first, const FrameData& data,
+                        TimeNs time_ns, TrackingOutcome* outcome, std::shared_ptr<const TrackingReference>* found);
+  CellSet AlignUncovered(const TrackingReference& reference, const FrameData& data, TrackingOutcome* outcome);
+  bool AlignSeenCells(const TrackingReference& reference, const FrameData& data, std::span<const SE3> guesses,
+                      TrackingOutcome* outcome);
+  bool Plausible(const TrackingReference& reference, const FrameData& data, const TrackingOutcome& outcome) const;
+  AlignmentAgreement Agreement(const TrackingReference& reference, const FrameData& data,
+                               const SE3& new_from_reference) const;
+  CellSet CoveredCells(const TrackingReference& reference, const FrameData& data, const SE3& new_from_reference) const;
+  double Quality(const TrackingOutcome& outcome) const;
+
   // odometry_mapping.cc
-  void TraceFrame(const FrameData& data, const SE3& camera_from_direct, const AffineLight& light);
+  void TraceFrame(const FrameData& data, const SE3& camera_from_direct, const AffineLight& light,
+                  const CellSet& covered);
+  bool Hidden(const Pinhole& camera, const PairProjection& pair, const ImmaturePoint& point,
+              const CellSet& covered) const;
   void MakeKeyframe(const Job& job);
   void ActivatePoints(const std::vector<bool>& goes);
   std::vector<bool> ChooseMarginalized() const;
@@ -174,9 +191,11 @@ class Odometry::Impl {
   double prediction_variance_px2_ = 0.0;  // of the motion predicted for the last frames, see MotionGuess
   double predicted_steps_ = 1.0;          // time to the frame in units of the time between the two before it
   int lost_frames_ = 0;
+  int carried_frames_ = 0;  // in a row, until now
   AffineLight last_light_;
   std::vector<SE3> guesses_;     // keeps its memory
   TrackingReference uncovered_;  // likewise
+  mutable CellMatcher tracking_matcher_;
 
   // Mapping only.
   Window window_;
@@ -195,6 +214,7 @@ class Odometry::Impl {
   std::function<void(StartResult*)> alter_start_;
   std::vector<SelectedPixel> selected_;
   CoverMask cover_;
+  CellMatcher mapping_matcher_;
   std::shared_ptr<const TrackingReference> clear_reference_;  // the last one made before anything was covered
   struct Position {
     float x = -1.0f, y = -1.0f;

@@ -69,21 +69,41 @@ bool Odometry::Impl::MapNext() {
     keyframe_queued_ = false;
   } else if (!window_.empty()) {
     const Timer timer(this, &statistics_.trace);
-    TraceFrame(*job.data, (KeyframePoseOf(job.reference) * job.keyframe_from_camera).Inverse(), job.light);
+    TraceFrame(*job.data, (KeyframePoseOf(job.reference) * job.keyframe_from_camera).Inverse(), job.light, job.covered);
     last_frame_ = std::move(job);
   }
   DoubtStart(frame, position, true);
   return true;
 }
 
-void Odometry::Impl::TraceFrame(const FrameData& data, const SE3& camera_from_direct, const AffineLight& light) {
+// Whether a candidate is behind an obstacle, where it is expected by what is known of its depth.
+bool Odometry::Impl::Hidden(const Pinhole& camera, const PairProjection& pair, const ImmaturePoint& point,
+                            const CellSet& covered) const {
+  const float inverse_depth = point.max_inverse_depth > 0.0f
+                                  ? 0.5f * (point.min_inverse_depth + point.max_inverse_depth)
+                                  : point.min_inverse_depth;
+  const float z = pair.warp[6] * point.x + pair.warp[7] * point.y + pair.warp[8] + pair.shift[2] * inverse_depth;
+  if (z < 1e-3f) return false;
+  const float u = (pair.warp[0] * point.x + pair.warp[1] * point.y + pair.warp[2] + pair.shift[0] * inverse_depth) / z;
+  const float v = (pair.warp[3] * point.x + pair.warp[4] * point.y + pair.warp[5] + pair.shift[1] * inverse_depth) / z;
+  return camera.Contains(Vector2d(u, v), 0.0) &&
+         (cover_.Covered(u, v) || covered[CellOf(camera, static_cast<double>(u), static_cast<double>(v))]);
+}
+
+void Odometry::Impl::TraceFrame(const FrameData& data, const SE3& camera_from_direct, const AffineLight& light,
+                                const CellSet& covered) {
+  const Pinhole& camera = geometry_.camera[0];
+  const bool any = cover_.any() || covered != CellSet{};
   for (int k = 0; k < window_.size(); ++k) {
     Keyframe& host = window_.keyframe(k);
     const double gain =
         ExposureRatio(data.frame.exposure_gain, host.data->frame.exposure_gain) * std::exp(light.a - host.light.a);
     const PairProjection pair = MakePairProjection(
         geometry_.camera[0], camera_from_direct * host.camera_from_direct.Inverse(), gain, light.b, host.light.b);
-    for (ImmaturePoint& point : host.immature) TracePoint(data.pyramid, pair, trace_options_, &point);
+    for (ImmaturePoint& point : host.immature) {
+      if (any && Hidden(camera, pair, point, covered)) continue;
+      TracePoint(data.pyramid, pair, trace_options_, &point);
+    }
   }
 }
 
@@ -95,7 +115,7 @@ void Odometry::Impl::MakeKeyframe(const Job& job) {
   keyframe->light = job.light;
   {
     const Timer timer(this, &statistics_.trace);
-    TraceFrame(*job.data, keyframe->camera_from_direct, keyframe->light);
+    TraceFrame(*job.data, keyframe->camera_from_direct, keyframe->light, job.covered);
   }
   {
     std::lock_guard lock(mutex_);

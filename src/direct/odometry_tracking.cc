@@ -1,28 +1,20 @@
-// The pose of every frame: motion hypotheses, plausibility, loss, and the decision to make a keyframe.
+// The pose of every frame: motion hypotheses, loss, and the decision to make a keyframe.
 #include <algorithm>
 #include <array>
 #include <cmath>
 
 #include "absl/strings/str_format.h"
-#include "direct/alignment_check.h"
 #include "direct/odometry_impl.h"
-#include "direct/view_search.h"
 
 namespace cairn::direct {
 namespace {
 
 constexpr double kRotationStepRad = 0.02;
-constexpr double kGoodEnoughRmsRatio = 1.5;  // against the last frame: further hypotheses are not tried
-constexpr double kMaxLogGain = 1.2;          // against the reference; a black image fits any gain
 constexpr double kMinMotionSigmaPx = 2.0;
 constexpr double kPredictionMemory = 0.8;  // weight of what was known of prediction errors before the last frame
 constexpr double kMaxVelocityRatio = 5.0;  // a gap is bridged by at most as many times the last motion
 constexpr std::size_t kMaxReferences = 8;  // tried when lost
-constexpr double kSureQuality = 0.8;       // from here on an alignment is believed without a second opinion
-constexpr double kMinAgreement = 0.25;  // of the textured cells (see alignment_check.h): fewer and it is another place
-constexpr int kUncoverRounds = 2;
-constexpr int kMinUncoveredCells = 6;              // that agree: fewer cannot carry an alignment
-constexpr std::size_t kMaxSearchedReferences = 4;  // of those most similar to a lost frame
+constexpr double kPoorQuality = 0.6;
 
 SE3 Scaled(const SE3& motion, double factor) { return SE3::Exp(factor * motion.Log()); }
 
@@ -117,47 +109,6 @@ const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& refe
   return guesses;
 }
 
-bool Odometry::Impl::Plausible(const TrackingReference& reference, const FrameData& data,
-                               const TrackingOutcome& outcome) const {
-  if (!outcome.converged || !outcome.new_from_reference.translation().allFinite()) return false;
-  if (std::abs(outcome.light.a - reference.light.a) > kMaxLogGain) return false;
-  if (outcome.good_share < 0.5 * options_.min_tracked_share || Quality(outcome) < options_.min_tracked_share) {
-    return false;
-  }
-  return Quality(outcome) >= kSureQuality ||
-         CheckAlignment(geometry_, reference, data.pyramid, outcome.new_from_reference).share() >= kMinAgreement;
-}
-
-// Share of the points in view that match.
-double Odometry::Impl::Quality(const TrackingOutcome& outcome) const {
-  if (outcome.visible_share <= 0.0) return 0.0;
-  return std::clamp(outcome.good_share / outcome.visible_share, 0.0, 1.0);
-}
-
-bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameData& data,
-                               const std::vector<SE3>& guesses, double sigma_px, double expected_rms,
-                               TrackingOutcome* best) const {
-  const LightPrior prior = PriorOf(data.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
-  double best_rms[kMaxLevels] = {};  // 0: not reached yet
-  double give_up[kMaxLevels] = {};
-  bool any = false;
-  for (const SE3& guess : guesses) {
-    double rms[kMaxLevels] = {};
-    const TrackingOutcome outcome =
-        tracker_.Align(reference, data, {guess, sigma_px}, last_light_, prior, give_up, rms);
-    if (Plausible(reference, data, outcome) && (!any || outcome.rms_gray < best->rms_gray)) {
-      *best = outcome;
-      any = true;
-      for (int level = 0; level < geometry_.levels; ++level) best_rms[level] = rms[level];
-    }
-    for (int level = 0; level < geometry_.levels; ++level) {
-      give_up[level] = any ? kGoodEnoughRmsRatio * best_rms[level] : 0.0;
-    }
-    if (any && (expected_rms <= 0.0 || best->rms_gray < kGoodEnoughRmsRatio * expected_rms)) break;
-  }
-  return any;
-}
-
 // Constant velocity errs by the acceleration: by as much as it erred before, more over a gap.
 double Odometry::Impl::MotionSigmaPx() const {
   return predicted_steps_ *
@@ -172,56 +123,6 @@ void Odometry::Impl::LearnPredictionError(const TrackingReference& reference, co
       (error.tail<3>().squaredNorm() +
        reference.mean_inverse_depth * reference.mean_inverse_depth * error.head<3>().squaredNorm());
   prediction_variance_px2_ = kPredictionMemory * prediction_variance_px2_ + (1.0 - kPredictionMemory) * squared_px2;
-}
-
-// Against the last keyframes, most similar view first: where the camera was last seen, and turned as the images say.
-bool Odometry::Impl::SearchReferences(std::span<const std::shared_ptr<const TrackingReference>> newest_first,
-                                      const FrameData& data, TimeNs time_ns, TrackingOutcome* outcome,
-                                      std::shared_ptr<const TrackingReference>* found) {
-  const Thumbnail thumbnail = MakeThumbnail(data.pyramid, geometry_);
-  std::vector<std::pair<ViewShift, std::shared_ptr<const TrackingReference>>> ranked;
-  for (const auto& reference : newest_first) {
-    ranked.emplace_back(FindShift(reference->thumbnail, thumbnail, geometry_), reference);
-  }
-  std::stable_sort(ranked.begin(), ranked.end(),
-                   [](const auto& a, const auto& b) { return a.first.correlation > b.first.correlation; });
-  if (ranked.size() > kMaxSearchedReferences) ranked.resize(kMaxSearchedReferences);
-  for (const auto& [shift, reference] : ranked) {
-    std::vector<SE3> guesses = {SE3(shift.new_from_reference, Vector3d::Zero())};
-    const std::vector<SE3>& motions = Hypotheses(*reference, time_ns, false);
-    guesses.insert(guesses.end(), motions.begin(), motions.end());
-    if (AlignBest(*reference, data, guesses, 0.0, 0.0, outcome)) {
-      *found = reference;
-      return true;
-    }
-  }
-  return false;
-}
-
-// Where an obstacle has come before a part of what the reference shows, that part is left out: if it is the larger one,
-// it would hold the rest back. The quality still tells of the whole.
-void Odometry::Impl::AlignUncovered(const TrackingReference& reference, const FrameData& data,
-                                    TrackingOutcome* outcome) {
-  const LightPrior prior = PriorOf(data.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
-  CellSet covered = {};
-  for (int round = 0; round < kUncoverRounds; ++round) {
-    const AlignmentAgreement agreement =
-        CheckAlignment(geometry_, reference, data.pyramid, outcome->new_from_reference);
-    const CellSet now = LargeRegions(agreement.disagreeing);
-    if (now == covered || agreement.agreeing < kMinUncoveredCells) return;
-    covered = now;
-    WithoutCells(geometry_, reference, covered, &uncovered_);
-    const double never[kMaxLevels] = {};
-    double rms[kMaxLevels] = {};
-    const TrackingOutcome rest = tracker_.Align(uncovered_, data, {outcome->new_from_reference, MotionSigmaPx()},
-                                                outcome->light, prior, never, rms);
-    if (!rest.converged || Quality(rest) < Quality(*outcome)) return;
-    outcome->new_from_reference = rest.new_from_reference;
-    outcome->light = rest.light;
-    outcome->rms_gray = rest.rms_gray;
-    outcome->flow_px = rest.flow_px;
-    outcome->translation_flow_px = rest.translation_flow_px;
-  }
 }
 
 FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position, Job* job) {
@@ -242,9 +143,7 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
   const bool was_lost = lost_frames_ > 0;
   const std::vector<SE3>& guesses = Hypotheses(*reference, frame.time_ns, was_lost);
   const SE3 predicted = guesses.front();
-  bool found =
-      AlignBest(*reference, *data, guesses, was_lost ? 0.0 : MotionSigmaPx(), was_lost ? 0.0 : last_rms_, &outcome);
-  if (found && Quality(outcome) < kSureQuality) AlignUncovered(*reference, *data, &outcome);
+  bool found = AlignView(*reference, *data, guesses, &outcome, &job->covered);
   if (found && !was_lost) LearnPredictionError(*reference, predicted, outcome.new_from_reference);
   if (!found)
     found = SearchReferences({references.data(), reference_count}, *data, frame.time_ns, &outcome, &reference);
@@ -261,10 +160,13 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
     }
   } else {
     lost_frames_ = 0;
+    carried_frames_ = outcome.weakest_sigma_px > kCarriedSigmaPx ? carried_frames_ + 1 : 0;
+    if (carried_frames_ > 0) result.message = "the image shows too little: carried on by the motion before";
     last_light_ = outcome.light;
     last_rms_ = outcome.rms_gray;
-    result.quality = Quality(outcome);
-    result.state = result.quality >= 0.6 ? TrackingState::kGood : TrackingState::kPoor;
+    // What the image leaves open, the prediction decides.
+    result.quality = Quality(outcome) / (1.0 + outcome.weakest_sigma_px * outcome.weakest_sigma_px);
+    result.state = result.quality >= kPoorQuality ? TrackingState::kGood : TrackingState::kPoor;
     result.keyframe = reference->keyframe;
     result.keyframe_from_camera = outcome.new_from_reference.Inverse();
     job->data = data;

@@ -1,6 +1,14 @@
 #include "direct/view_cells.h"
 
+#include <algorithm>
+
 namespace cairn::direct {
+
+std::size_t CellOf(const Pinhole& camera, double x_px, double y_px) {
+  const int column = std::clamp(static_cast<int>(x_px * kCellColumns / camera.width_px), 0, kCellColumns - 1);
+  const int row = std::clamp(static_cast<int>(y_px * kCellRows / camera.height_px), 0, kCellRows - 1);
+  return static_cast<std::size_t>(row * kCellColumns + column);
+}
 
 CellSet LargeRegions(const CellSet& set) {
   CellSet large = {}, visited = {};
