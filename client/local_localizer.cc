@@ -113,12 +113,16 @@ void LocalLocalizer::FillPose(const tracking::Relocalization& found, api::Locali
 }
 
 // A camera that the map knows, by its calibration, and whose lens it has corrected: a query's is the same.
-void LocalLocalizer::CorrectLens(const image::Undistorter& undistorter, image::Features* features) const {
+api::LensUse LocalLocalizer::CorrectLens(const image::Undistorter& undistorter, image::Features* features) const {
+  api::LensUse use = api::LensUse::kNone;
   for (const auto& [id, camera] : snapshot_->cameras()) {
-    if (!camera.lens || !(camera.model == undistorter.camera()) || !(camera.pinhole == undistorter.pinhole())) continue;
+    if (!camera.lens) continue;
+    use = api::LensUse::kOtherCalibration;
+    if (!(camera.model == undistorter.camera()) || !(camera.pinhole == undistorter.pinhole())) continue;
     map::CorrectKeypoints(camera, features->keypoints);
-    return;
+    return api::LensUse::kCorrected;
   }
+  return use;
 }
 
 absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::LocalizeQuery& query) {
@@ -133,7 +137,7 @@ absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::Localize
   CAIRN_ASSIGN_OR_RETURN(const cv::Mat image, undistorter->Undistort(query.image));
   const image::OrbExtractor extractor(snapshot_->info().orb);
   CAIRN_ASSIGN_OR_RETURN(image::Features features, extractor.Extract(image, options_.num_features));
-  CorrectLens(*undistorter, &features);
+  answer.lens = CorrectLens(*undistorter, &features);
   answer.extract_ms = MillisecondsSince(start);
 
   const auto extracted = Clock::now();

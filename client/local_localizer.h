@@ -47,7 +47,7 @@ class LocalLocalizer : public api::Localizer {
 
   absl::Status Load();
   absl::StatusOr<std::shared_ptr<const image::Undistorter>> UndistorterFor(const Camera& camera);
-  void CorrectLens(const image::Undistorter& undistorter, image::Features* features) const;
+  api::LensUse CorrectLens(const image::Undistorter& undistorter, image::Features* features) const;
   void FillPose(const tracking::Relocalization& found, api::LocalizeAnswer* answer) const;
 
   LocalLocalizerOptions options_;

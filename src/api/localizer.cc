@@ -20,4 +20,16 @@ const char* LocalizeStageName(LocalizeStage stage) {
   return "unknown";
 }
 
+const char* LensUseName(LensUse use) {
+  switch (use) {
+    case LensUse::kNone:
+      return "none";
+    case LensUse::kCorrected:
+      return "corrected";
+    case LensUse::kOtherCalibration:
+      return "other calibration";
+  }
+  return "unknown";
+}
+
 }  // namespace cairn::api

@@ -36,6 +36,14 @@ struct LocalizeCounts {
   int inliers = 0;  // after refinement
 };
 
+// Whether the lens that a session has found for a camera of the map (map format 3) was applied to the image.
+enum class LensUse {
+  kNone,              // the map corrects no lens
+  kCorrected,         // the image's camera is one that the map corrects
+  kOtherCalibration,  // the map corrects a lens, but of no camera with this calibration
+};
+const char* LensUseName(LensUse use);
+
 struct LocalizeAnswer {
   bool localized = false;
   LocalizeStage stage = LocalizeStage::kFeatures;  // reached; kDone if localized
@@ -52,6 +60,7 @@ struct LocalizeAnswer {
 
   std::string map_id;
   Revision revision = 0;
+  LensUse lens = LensUse::kNone;
   KeyframeId reference_keyframe;  // the one that shares most points
   double extract_ms = 0.0;
   double locate_ms = 0.0;

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "base/status.h"
 #include "store/fault.h"
 
 namespace cairn::engine {
@@ -19,7 +20,10 @@ absl::StatusOr<std::unique_ptr<store::WriterLock>> LockReplaced(const std::strin
     return absl::FailedPreconditionError(
         absl::StrCat(path, " is not a Cairn map and is not overwritten: choose another name, or delete it first"));
   }
-  return store::WriterLock::Acquire(std::filesystem::weakly_canonical(std::filesystem::absolute(path), error).string());
+  auto lock =
+      store::WriterLock::Acquire(std::filesystem::weakly_canonical(std::filesystem::absolute(path), error).string());
+  if (!lock.ok()) return Annotate(lock.status(), absl::StrCat("overwriting map ", path));
+  return lock;
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 """A round through a corridor that ends where it began: the loop is found, closed, stored and reported."""
+import math
 import pathlib
 import shutil
+import statistics
 import tempfile
 import unittest
 
@@ -14,7 +16,7 @@ class Loop(unittest.TestCase):
         cls.corridor = cls.folder / 'corridor'
         must('synth', 'corridor', '--seed', 2, '--size', 12, 9, '--laps', 1.3, '--out', cls.corridor)
         cls.reports, cls.ate = {}, {}
-        for name, extra in (('closed', []), ('open', ['--vo'])):
+        for name, extra in (('closed', ['--live-poses', cls.folder / 'live.txt']), ('open', ['--vo'])):
             frames = cls.folder / f'{name}.txt'
             cls.reports[name] = must('run', cls.corridor, '--deterministic', *extra, '--map', cls.map(name), '--trajectory',
                                      frames)
@@ -33,6 +35,21 @@ class Loop(unittest.TestCase):
         self.assertGreaterEqual(self.reports['closed']['tracked_share'], 0.95)
         self.assertLess(self.ate['closed'], 0.5 * self.ate['open'])
         self.assertLess(self.ate['closed'], 0.02)
+
+    def test_live_poses_follow_the_correction(self):
+        """While the map drifts, so does what is known of the camera; after the loop it is right at once."""
+        def positions(name):
+            lines = (line.split() for line in open(self.folder / name) if not line.startswith('#'))
+            return {round(float(t), 3): (float(x), float(y), float(z)) for t, x, y, z, *_ in lines}
+        live, final = positions('live.txt'), positions('closed.txt')
+        report, start = self.reports['closed'], min(final)
+        self.assertEqual(len(live), report['live_poses'])
+        self.assertGreater(len(live), 0.85 * report['frames'])
+        loop_s, end_s = report['loops'][0]['at_s'], max(final) - start
+
+        def moved_since(begin_s, to_s):
+            return statistics.mean(math.dist(live[t], final[t]) for t in live if begin_s <= t - start < to_s)
+        self.assertLess(moved_since(end_s - 3, end_s + 1), 0.5 * moved_since(loop_s - 4, loop_s - 1))
 
     def test_the_file_tells_of_it(self):
         sessions = must('info', self.map('closed'))['sessions']

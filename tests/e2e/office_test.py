@@ -45,6 +45,7 @@ class Office(unittest.TestCase):
 
     def test_each_image_has_its_answer_in_json(self):
         answer = must('localize', self.second, '--stride', 20, '--map', self.map, '--independent', '--verbose')
+        self.assertEqual(answer['lens'], 'none')
         self.assertEqual(len(answer['images']), answer['frames'])
         self.assertEqual(sum(image['localized'] for image in answer['images']), answer['localized'])
         for image in answer['images']:
@@ -95,8 +96,11 @@ class Office(unittest.TestCase):
         self.assertIsNotNone(must('info', self.folder / 'corrected.cairn')['cameras'][0]['lens'])
         must('align', self.folder / 'corrected.cairn', '--groundtruth', self.first / 'groundtruth_cam0.txt')
         poses = self.folder / 'lens_poses.txt'
-        must('localize', self.second, '--camera', wrong, '--stride', 4, '--map', self.folder / 'corrected.cairn', '--independent',
-             '--out', poses)
+        query = ['localize', self.second, '--map', self.folder / 'corrected.cairn', '--independent']
+        located = must(*query, '--camera', wrong, '--stride', 4, '--out', poses)
+        self.assertEqual(located['lens'], 'corrected')
+        # Another calibration is used as it is, and the answer says so.
+        self.assertEqual(must(*query, '--stride', 40)['lens'], 'other calibration')
         result = must('eval', 'localization', poses, self.second / 'groundtruth_cam0.txt')
         self.assertEqual(result['wrong'], 0)
         self.assertLess(result['error_m']['median'], 0.03)

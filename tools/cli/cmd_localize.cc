@@ -53,6 +53,7 @@ nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::stri
   json["counts"] = {
       {"features", c.features},       {"candidates", c.candidates},         {"word_matches", c.word_matches},
       {"pnp_inliers", c.pnp_inliers}, {"guided_matches", c.guided_matches}, {"inliers", c.inliers}};
+  json["lens"] = api::LensUseName(answer.lens);
   json["map"] = answer.map_id;
   json["revision"] = answer.revision;
   json["ms"] = answer.extract_ms + answer.locate_ms;
@@ -83,6 +84,7 @@ struct Summary {
   std::string map_id;
   Revision revision = 0;
   bool metric = false;
+  api::LensUse lens = api::LensUse::kNone;
 
   void Add(const api::LocalizeAnswer& answer, TimeNs time_ns) {
     ++frames;
@@ -90,6 +92,7 @@ struct Summary {
     map_id = answer.map_id;
     revision = answer.revision;
     metric = answer.world_is_metric;
+    lens = answer.lens;
     if (answer.localized) {
       ++localized;
       poses.push_back({time_ns, answer.world_from_camera});
@@ -117,14 +120,27 @@ absl::Status WriteOutputs(const LocalizeOptions& options, const Summary& summary
   return absl::OkStatus();
 }
 
+void PrintLensUse(api::LensUse lens) {
+  if (lens == api::LensUse::kCorrected) {
+    std::printf("  with the lens that the map found for this camera\n");
+  } else if (lens == api::LensUse::kOtherCalibration) {
+    std::printf("  the map has corrected its camera's lens; this calibration is another one and was used as it is\n");
+  }
+}
+
 void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::int64_t skipped) {
   const double share =
       summary.frames > 0 ? static_cast<double>(summary.localized) / static_cast<double>(summary.frames) : 0.0;
   if (options.json) {
-    nlohmann::ordered_json json = {{"map", summary.map_id},    {"revision", summary.revision},
-                                   {"frames", summary.frames}, {"localized", summary.localized},
-                                   {"localized_share", share}, {"frames_skipped", skipped},
-                                   {"misses", summary.misses}, {"latency_ms", SampleStatistics(summary.latency_ms)}};
+    nlohmann::ordered_json json = {{"map", summary.map_id},
+                                   {"revision", summary.revision},
+                                   {"frames", summary.frames},
+                                   {"localized", summary.localized},
+                                   {"localized_share", share},
+                                   {"frames_skipped", skipped},
+                                   {"lens", api::LensUseName(summary.lens)},
+                                   {"misses", summary.misses},
+                                   {"latency_ms", SampleStatistics(summary.latency_ms)}};
     if (options.verbose) json["images"] = summary.images;
     PrintJson(json);
     return;
@@ -136,6 +152,7 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
     std::printf("  %lld missed at stage \"%s\"\n", static_cast<long long>(count), stage.c_str());
   }
   if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
+  PrintLensUse(summary.lens);
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
 
@@ -156,6 +173,7 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
     PrintJson(ToJson(answer, options.input.sequence, 0));
   } else {
     PrintAnswer(answer, options.input.sequence);
+    PrintLensUse(answer.lens);
   }
   return answer.localized ? kOk : kNotLocalized;
 }

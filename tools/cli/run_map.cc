@@ -88,7 +88,8 @@ std::string StateSummary(const std::vector<mapping::KeyframeReport>& reports) {
 }
 
 void PrintReport(const RunOptions& options, const engine::SessionReport& report, const map::Session& session,
-                 const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt) {
+                 const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt,
+                 std::optional<std::int64_t> live_poses) {
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}};
     AddFeedJson(feed, info, report.frames_tracked, interrupt, &json);
@@ -111,6 +112,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
                  {"keyframe_cpu_ms", StageStatistics(report.keyframe_reports)},
                  {"keyframe_states", KeyframeStates(report.keyframe_reports)},
                  {"loop_search_ms", SampleStatistics(report.loop_search_ms)}});
+    if (live_poses) json["live_poses"] = *live_poses;
     PrintJson(json);
     return;
   }
@@ -129,6 +131,10 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   if (report.feature_losses > 0) {
     std::printf("  the feature map was lost %lld times; the odometry bridged it\n",
                 static_cast<long long>(report.feature_losses));
+  }
+  if (live_poses) {
+    std::printf("  %lld of %lld frames had a pose in the map when they were tracked\n",
+                static_cast<long long>(*live_poses), static_cast<long long>(report.frames));
   }
 }
 
@@ -231,12 +237,8 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   }
   CAIRN_RETURN_IF_ERROR(run.writer->Close());
   CAIRN_RETURN_IF_ERROR(WriteMapOutputs(options, *run.writer->Current(), frame_poses));
-  PrintReport(options, report, run.writer->Current()->sessions().rbegin()->second, run.source->info(), feed,
-              *interrupt);
-  if (live.is_open() && !options.json) {
-    std::printf("  %lld of %lld frames had a pose in the map when they were tracked\n",
-                static_cast<long long>(live_poses), static_cast<long long>(report.frames));
-  }
+  PrintReport(options, report, run.writer->Current()->sessions().rbegin()->second, run.source->info(), feed, *interrupt,
+              live.is_open() ? std::optional(live_poses) : std::nullopt);
   return absl::OkStatus();
 }
 

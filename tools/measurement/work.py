@@ -39,6 +39,8 @@ def cairn(*arguments, expect=(0,)):
 def median_of_runs(runs, function):
     """Calls function(run) for each run; the median of each number in what it returns."""
     results = [function(run) for run in range(runs)]
+    if runs > 1 and 'ate' in results[0]:
+        print('        ATE of each run:', ', '.join(f'{result["ate"]:.4g}' for result in results), 'm', flush=True)
     return {key: statistics.median(result[key] for result in results) for key in results[0]}
 
 
@@ -49,7 +51,8 @@ class Work:
         self.folder, self.runs, self.seeds, self.cache = pathlib.Path(folder), options.runs, options.seeds, {}
         self.worlds = pathlib.Path(options.worlds or folder)
         self.worlds.mkdir(parents=True, exist_ok=True)
-        self.mode = ['--deterministic'] if options.deterministic else []  # of the runs that make a map
+        # Of the runs that make a map.
+        self.mode = ['--deterministic'] if options.deterministic else ['--realtime'] if options.realtime else []
 
     def path(self, name):
         return self.folder / name
