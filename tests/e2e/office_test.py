@@ -119,6 +119,9 @@ class Office(unittest.TestCase):
         must('run', self.first, '--map', third, '--deterministic')
         self.assertEqual(frames.read_bytes(), self.frames.read_bytes())
         self.assertEqual(must('info', again, '--digest')['digest'], must('info', third, '--digest')['digest'])
+        other = self.folder / 'other_options.cairn'
+        must('run', self.first, '--map', other, '--deterministic', '--fixed-lens')
+        self.assertNotEqual(must('info', other)['id'], must('info', again)['id'])
 
     def test_the_threaded_run_is_as_good(self):
         frames = self.folder / 'threaded.txt'

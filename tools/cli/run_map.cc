@@ -156,17 +156,6 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
   const io::SourceInfo& info = source->info();
   map::MapInfo map_info;
   const bool deterministic = options.session.deterministic;
-  map_info.id =
-      engine::NewMapId(deterministic ? std::optional(absl::StrCat(info.name, info.first_time_ns)) : std::nullopt);
-  map_info.name = options.name.empty() ? info.name : options.name;
-  map_info.software_version = cairn::kVersion;
-  map_info.created_unix_ns = deterministic ? 0 : engine::UnixNowNs();
-  map_info.vocabulary_hash = vocabulary.hash();
-  if (!options.poses.empty()) map_info.world_from_map = Sim3();
-  CAIRN_ASSIGN_OR_RETURN(
-      std::unique_ptr<engine::MapWriter> writer,
-      engine::MapWriter::Create(options.map, map_info, {options.overwrite, vocabulary.Serialize(), !deterministic}));
-  engine::SessionSource session_source = ToSessionSource(info);
   const nlohmann::ordered_json settings = {
       {"format", std::string(io::SequenceFormatName(info.format))},
       {"from_s", options.input.open.from_s},
@@ -179,6 +168,20 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
       {"close_loops", options.session.close_loops},
       {"refine_lens", options.session.mapping.lens.enabled},
       {"poses_given", !options.poses.empty()}};
+  // The same run makes the same map, another one a map of its own.
+  map_info.id =
+      engine::NewMapId(deterministic ? std::optional(absl::StrCat(info.name, info.first_time_ns, info.camera.Describe(),
+                                                                  settings.dump(), absl::Hex(vocabulary.hash())))
+                                     : std::nullopt);
+  map_info.name = options.name.empty() ? info.name : options.name;
+  map_info.software_version = cairn::kVersion;
+  map_info.created_unix_ns = deterministic ? 0 : engine::UnixNowNs();
+  map_info.vocabulary_hash = vocabulary.hash();
+  if (!options.poses.empty()) map_info.world_from_map = Sim3();
+  CAIRN_ASSIGN_OR_RETURN(
+      std::unique_ptr<engine::MapWriter> writer,
+      engine::MapWriter::Create(options.map, map_info, {options.overwrite, vocabulary.Serialize(), !deterministic}));
+  engine::SessionSource session_source = ToSessionSource(info);
   session_source.settings_json = settings.dump();
   return MapRun{std::move(source), std::move(vocabulary), std::move(writer), std::move(session_source)};
 }
