@@ -80,7 +80,7 @@ void Odometry::Impl::BeginAt(const KnownView& view) {
     const std::shared_ptr<const TrackingReference> reference = BuildReference(0);
     SetReference(reference);
     StoreRetracked(here->position, reference->keyframe, SE3(), 1.0);
-    lost_frames_ = 0;
+    lost_frames_ = carried_frames_ = 0;
     first_rms_reference_ = -1;
     last_rms_ = 0.0;
     prediction_variance_px2_ = kFirstPredictionErrorPx * kFirstPredictionErrorPx;

@@ -52,7 +52,7 @@ void Odometry::Impl::AddToStart(const Job& job) {
 
 // The first window stands: poses for the frames that waited. track_mutex_ held.
 void Odometry::Impl::AdoptStart(const StartResult& start) {
-  lost_frames_ = 0;
+  lost_frames_ = carried_frames_ = 0;
   first_rms_reference_ = -1;
   last_rms_ = 0.0;
   prediction_variance_px2_ = kFirstPredictionErrorPx * kFirstPredictionErrorPx;

@@ -63,8 +63,10 @@ struct FrameResult {
   std::int64_t segment = -1;   // likewise: of direct_from_camera
   SE3 keyframe_from_camera;
   SE3 direct_from_camera;  // the live estimate
-  double quality = 0.0;    // 0 (lost) to 1: share of the reference's points that match well
-  std::string message;     // while not tracking: what it waits for
+  // 0 (lost) to 1: share of the reference's points that match well, over 1 + s^2, where s is the uncertainty in pixels
+  // that the image leaves in the weakest direction of the motion.
+  double quality = 0.0;
+  std::string message;  // while not tracking: what it waits for
 };
 
 }  // namespace cairn::direct

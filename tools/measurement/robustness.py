@@ -11,7 +11,7 @@ from .work import DATA, cairn
 FRAMES = {'black': 5, 'truncated': 5, 'gap': 15, 'darker': 10000, 'blurred': 5}
 COVERED_FRAMES = 30
 TIMES_S = (6.0, 8.0, 10.0)  # of the damage, one run each
-COVERED_TIMES_S = (4.0, 6.0, 8.0, 10.0, 12.0)
+COVERED_TIMES_S = tuple(float(t) for t in range(3, 13))
 
 
 def texture(shape, seed=7, cell_px=14):
