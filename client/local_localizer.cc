@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 
 #include "map/lens.h"
 
@@ -9,6 +10,7 @@ namespace cairn::client {
 namespace {
 
 constexpr std::size_t kKeptUndistorters = 4;
+constexpr double kSamePx = 0.1;
 
 using Clock = std::chrono::steady_clock;
 
@@ -45,6 +47,29 @@ absl::Status CheckQuery(const api::LocalizeQuery& query) {
                                                    query.camera.height_px));
   }
   return absl::OkStatus();
+}
+
+bool SamePinhole(const Pinhole& a, const Pinhole& b) {
+  return a.width_px == b.width_px && a.height_px == b.height_px && std::abs(a.fx_px - b.fx_px) < kSamePx &&
+         std::abs(a.fy_px - b.fy_px) < kSamePx && std::abs(a.cx_px - b.cx_px) < kSamePx &&
+         std::abs(a.cy_px - b.cy_px) < kSamePx;
+}
+
+// Whether two calibrations say the same, however they say it and up to their rounding: every ray meets the same pixel.
+bool SameCalibration(const Camera& a, const Camera& b) {
+  if (a == b) return true;
+  if (a.width_px != b.width_px || a.height_px != b.height_px) return false;
+  constexpr int kSteps = 8;
+  for (int i = 0; i <= kSteps; ++i) {
+    for (int j = 0; j <= kSteps; ++j) {
+      const Eigen::Vector2d pixel(i * (a.width_px - 1.0) / kSteps, j * (a.height_px - 1.0) / kSteps);
+      const std::optional<Eigen::Vector3d> ray = a.Unproject(pixel);
+      if (!ray) continue;
+      const std::optional<Eigen::Vector2d> other = b.Project(*ray);
+      if (!other || (*other - pixel).norm() > kSamePx) return false;
+    }
+  }
+  return true;
 }
 
 }  // namespace
@@ -118,7 +143,8 @@ api::LensUse LocalLocalizer::CorrectLens(const image::Undistorter& undistorter, 
   for (const auto& [id, camera] : snapshot_->cameras()) {
     if (!camera.lens) continue;
     use = api::LensUse::kOtherCalibration;
-    if (!(camera.model == undistorter.camera()) || !(camera.pinhole == undistorter.pinhole())) continue;
+    if (!SamePinhole(camera.pinhole, undistorter.pinhole())) continue;
+    if (!SameCalibration(camera.model, undistorter.camera())) continue;
     map::CorrectKeypoints(camera, features->keypoints);
     return api::LensUse::kCorrected;
   }

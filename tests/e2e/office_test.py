@@ -99,11 +99,27 @@ class Office(unittest.TestCase):
         query = ['localize', self.second, '--map', self.folder / 'corrected.cairn', '--independent']
         located = must(*query, '--camera', wrong, '--stride', 4, '--out', poses)
         self.assertEqual(located['lens'], 'corrected')
+        # Rounding makes no other camera.
+        rounded = self.folder / 'rounded.yaml'
+        rounded.write_text(wrong.read_text().replace('[0.04, 0, 0, 0]', '[0.040001, 0, 0, 0]'))
+        self.assertEqual(must(*query, '--camera', rounded, '--stride', 40)['lens'], 'corrected')
         # Another calibration is used as it is, and the answer says so.
         self.assertEqual(must(*query, '--stride', 40)['lens'], 'other calibration')
         result = must('eval', 'localization', poses, self.second / 'groundtruth_cam0.txt')
         self.assertEqual(result['wrong'], 0)
         self.assertLess(result['error_m']['median'], 0.03)
+
+    def test_a_gap_between_images_is_told(self):
+        gap, cam = self.folder / 'gap', self.first / 'mav0' / 'cam0'
+        (gap / 'mav0' / 'cam0').mkdir(parents=True)
+        for name in ('data', 'sensor.yaml'):
+            (gap / 'mav0' / 'cam0' / name).symlink_to((cam / name).resolve())
+        lines = (cam / 'data.csv').read_text().splitlines(keepends=True)
+        (gap / 'mav0' / 'cam0' / 'data.csv').write_text(''.join(lines[:101] + lines[131:]))
+        report = must('run', gap, '--odometry-only', '--deterministic', '--trajectory', self.folder / 'gap.txt')
+        self.assertEqual(report['gaps'], 1)
+        self.assertAlmostEqual(report['longest_gap_s'], 31 * report['duration_s'] / (len(lines) - 2), delta=0.01)
+        self.assertEqual(must('run', self.first, '--odometry-only', '--until', 2, '--trajectory', self.folder / 'two.txt')['gaps'], 0)
 
     def test_info_knows_the_alignment_and_the_provenance(self):
         info = must('info', self.map)

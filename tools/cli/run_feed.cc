@@ -34,6 +34,23 @@ engine::RawFrame ToRaw(const io::SourceFrame& frame) {
   return {frame.sequence_index, frame.time_ns, frame.gray, frame.exposure_s};
 }
 
+namespace {
+
+constexpr double kMinGapS = 0.5;
+constexpr double kMinGapFrames = 5.0;
+
+void NoteGap(double before_s, double after_s, const io::SourceInfo& info, FeedReport* report) {
+  const double gap_s = after_s - before_s;
+  const double frame_s = info.num_frames > 1 ? info.duration_s / static_cast<double>(info.num_frames - 1) : 0.0;
+  if (gap_s <= kMinGapS || gap_s <= kMinGapFrames * frame_s) return;
+  ++report->gaps;
+  if (gap_s <= report->longest_gap_s) return;
+  report->longest_gap_s = gap_s;
+  report->longest_gap_at_s = before_s;
+}
+
+}  // namespace
+
 absl::StatusOr<FeedReport> FeedSequence(const FeedSettings& settings, io::FrameSource* source,
                                         const engine::FramePreparation& preparation, InterruptWatch* interrupt,
                                         const std::function<absl::StatusOr<std::string>(const direct::Frame&)>& handle,
@@ -58,7 +75,9 @@ absl::StatusOr<FeedReport> FeedSequence(const FeedSettings& settings, io::FrameS
       CAIRN_ASSIGN_OR_RETURN(const std::optional<engine::FedFrame> fed, feed.Next());
       if (!fed) break;
       CAIRN_ASSIGN_OR_RETURN(const std::string note, handle(fed->frame));
-      report.covered_s = ToSeconds(fed->frame.time_ns - source->info().first_time_ns);
+      const double at_s = ToSeconds(fed->frame.time_ns - source->info().first_time_ns);
+      if (taken > 1) NoteGap(report.covered_s, at_s, source->info(), &report);
+      report.covered_s = at_s;
       report.prepare_ms.push_back(fed->prepare_ms);
       if (report.realtime) {
         report.latency_ms.push_back(std::chrono::duration<float, std::milli>(Clock::now() - fed->arrival).count());
@@ -81,6 +100,9 @@ void AddFeedJson(const FeedReport& report, const io::SourceInfo& info, std::int6
                 {"tracked_share", Share(frames_tracked, info.num_frames)},
                 {"frames_skipped", report.skipped},
                 {"frames_dropped", report.dropped},
+                {"gaps", report.gaps},
+                {"longest_gap_s", report.longest_gap_s},
+                {"longest_gap_at_s", report.longest_gap_at_s},
                 {"interrupted", interrupt.exit_code() != 0},
                 {"elapsed_s", report.elapsed_s},
                 {"duration_s", info.duration_s},
@@ -100,6 +122,10 @@ void PrintFeed(const FeedReport& report, const io::SourceInfo& info, std::int64_
                 Percentile(report.latency_ms, 0.99));
   }
   if (report.skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(report.skipped));
+  if (report.gaps > 0) {
+    std::printf("  %d gaps without images, the longest %.1f s at %.1f s: what comes after one may be misplaced\n",
+                report.gaps, report.longest_gap_s, report.longest_gap_at_s);
+  }
   if (interrupt.exit_code() != 0) std::printf("  interrupted: this is what was done until then\n");
 }
 

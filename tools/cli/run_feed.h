@@ -29,6 +29,10 @@ struct FeedReport {
   std::vector<float> latency_ms;  // from the arrival of a frame to its pose; in real time
   double elapsed_s = 0.0;
   double covered_s = 0.0;  // of the recording
+  // Stretches without images: of more than half a second and five times the time between two.
+  int gaps = 0;
+  double longest_gap_s = 0.0;
+  double longest_gap_at_s = 0.0;  // since the first image
   bool realtime = false;
 };
 

@@ -135,6 +135,9 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   if (live_poses) {
     std::printf("  %lld of %lld frames had a pose in the map when they were tracked\n",
                 static_cast<long long>(*live_poses), static_cast<long long>(report.frames));
+    if (!feed.realtime && !options.session.deterministic) {
+      std::printf("  read as fast as possible, frames are ahead of the map: --realtime answers as for a live camera\n");
+    }
   }
 }
 
