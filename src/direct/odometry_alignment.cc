@@ -129,22 +129,27 @@ bool Odometry::Impl::SearchReferences(std::span<const std::shared_ptr<const Trac
   return false;
 }
 
+// Aligns what the reference shows outside of some of its cells; that part stays in uncovered_.
+TrackingOutcome Odometry::Impl::AlignWithout(const CellSet& cells, const TrackingReference& reference,
+                                             const FrameData& data, const SE3& guess, const AffineLight& light) {
+  WithoutCells(geometry_, reference, cells, &uncovered_);
+  const LightPrior prior = PriorOf(data.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
+  const double never[kMaxLevels] = {};
+  double rms[kMaxLevels] = {};
+  return tracker_.Align(uncovered_, data, {guess, MotionSigmaPx()}, light, prior, never, rms);
+}
+
 // Where an obstacle has come before a part of what the reference shows, that part is left out: if it is the larger one,
 // it would hold the rest back. The quality still tells of the whole. Returns the cells of the image that show it.
 CellSet Odometry::Impl::AlignUncovered(const TrackingReference& reference, const FrameData& data,
                                        TrackingOutcome* outcome) {
-  const LightPrior prior = PriorOf(data.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
   CellSet covered = {};
   for (int round = 0; round < kUncoverRounds; ++round) {
     const AlignmentAgreement agreement = Agreement(reference, data, outcome->new_from_reference);
     const CellSet now = LargeRegions(agreement.disagreeing);
     if (now == covered || agreement.agreeing < kMinUncoveredCells) break;
     covered = now;
-    WithoutCells(geometry_, reference, covered, &uncovered_);
-    const double never[kMaxLevels] = {};
-    double rms[kMaxLevels] = {};
-    const TrackingOutcome rest = tracker_.Align(uncovered_, data, {outcome->new_from_reference, MotionSigmaPx()},
-                                                outcome->light, prior, never, rms);
+    const TrackingOutcome rest = AlignWithout(covered, reference, data, outcome->new_from_reference, outcome->light);
     if (!rest.converged || Quality(rest) < Quality(*outcome)) break;
     outcome->new_from_reference = rest.new_from_reference;
     outcome->light = rest.light;
@@ -167,7 +172,6 @@ CellSet Odometry::Impl::CoveredCells(const TrackingReference& reference, const F
 // two thirds of the view behind an obstacle the rest is still enough.
 bool Odometry::Impl::AlignSeenCells(const TrackingReference& reference, const FrameData& data,
                                     std::span<const SE3> guesses, TrackingOutcome* outcome) {
-  const LightPrior prior = PriorOf(data.frame, options_.affine_a_sigma, options_.affine_b_sigma_gray);
   for (const SE3& guess : guesses) {
     const CellMatches near =
         tracking_matcher_.Match(geometry_, reference, data.pyramid, guess, CellGrid::kReference, kSeenReachPx);
@@ -175,11 +179,7 @@ bool Odometry::Impl::AlignSeenCells(const TrackingReference& reference, const Fr
     for (std::size_t k = 0; k < unseen.size(); ++k) unseen[k] = near[k].correlation < kAgreeingCorrelation;
     const std::ptrdiff_t seen = std::count(unseen.begin(), unseen.end(), false);
     if (seen < kMinSeenCells) continue;
-    WithoutCells(geometry_, reference, unseen, &uncovered_);
-    const double never[kMaxLevels] = {};
-    double rms[kMaxLevels] = {};
-    const TrackingOutcome rest =
-        tracker_.Align(uncovered_, data, {guess, MotionSigmaPx()}, last_light_, prior, never, rms);
+    const TrackingOutcome rest = AlignWithout(unseen, reference, data, guess, last_light_);
     if (!rest.converged || rest.weakest_sigma_px > kCarriedSigmaPx || Quality(rest) < kSureQuality) continue;
     if (std::abs(rest.light.a - reference.light.a) > kMaxLogGain) continue;
     if (Agreement(uncovered_, data, rest.new_from_reference).agreeing < kMinSeenShare * seen) continue;

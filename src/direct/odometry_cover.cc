@@ -58,9 +58,8 @@ void Odometry::Impl::FindCover() {
     float energy;
     if (!window_.EnergyAgainst(point, newest, &energy)) continue;
     const PairProjection& p = to_newest[point.host];
-    const float z = p.warp[6] * point.x + p.warp[7] * point.y + p.warp[8] + p.shift[2] * point.inverse_depth;
-    positions_[i] = {(p.warp[0] * point.x + p.warp[1] * point.y + p.warp[2] + p.shift[0] * point.inverse_depth) / z,
-                     (p.warp[3] * point.x + p.warp[4] * point.y + p.warp[5] + p.shift[1] * point.inverse_depth) / z};
+    Position& at = positions_[i];
+    if (ProjectInto(p, point.x, point.y, point.inverse_depth, &at.x, &at.y) < kMinDepthRatio) continue;
     const bool tracked = last == ResidualState::kGood || last == ResidualState::kCovered || point.host == newest - 1;
     if (!tracked) continue;
     const bool fits = energy <= limit || FoundNear(point, p, keyframe.data->pyramid, positions_[i].x, positions_[i].y,

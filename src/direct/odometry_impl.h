@@ -110,6 +110,8 @@ class Odometry::Impl {
                  double sigma_px, double expected_rms, TrackingOutcome* best) const;
   bool SearchReferences(std::span<const std::shared_ptr<const TrackingReference>> newest_first, const FrameData& data,
                         TimeNs time_ns, TrackingOutcome* outcome, std::shared_ptr<const TrackingReference>* found);
+  TrackingOutcome AlignWithout(const CellSet& cells, const TrackingReference& reference, const FrameData& data,
+                               const SE3& guess, const AffineLight& light);
   CellSet AlignUncovered(const TrackingReference& reference, const FrameData& data, TrackingOutcome* outcome);
   bool AlignSeenCells(const TrackingReference& reference, const FrameData& data, std::span<const SE3> guesses,
                       TrackingOutcome* outcome);

@@ -82,10 +82,8 @@ bool Odometry::Impl::Hidden(const Pinhole& camera, const PairProjection& pair, c
   const float inverse_depth = point.max_inverse_depth > 0.0f
                                   ? 0.5f * (point.min_inverse_depth + point.max_inverse_depth)
                                   : point.min_inverse_depth;
-  const float z = pair.warp[6] * point.x + pair.warp[7] * point.y + pair.warp[8] + pair.shift[2] * inverse_depth;
-  if (z < 1e-3f) return false;
-  const float u = (pair.warp[0] * point.x + pair.warp[1] * point.y + pair.warp[2] + pair.shift[0] * inverse_depth) / z;
-  const float v = (pair.warp[3] * point.x + pair.warp[4] * point.y + pair.warp[5] + pair.shift[1] * inverse_depth) / z;
+  float u, v;
+  if (ProjectInto(pair, point.x, point.y, inverse_depth, &u, &v) < kMinDepthRatio) return false;
   return camera.Contains(Vector2d(u, v), 0.0) &&
          (cover_.Covered(u, v) || covered[CellOf(camera, static_cast<double>(u), static_cast<double>(v))]);
 }
@@ -225,11 +223,7 @@ void Odometry::Impl::ActivatePoints(const std::vector<bool>& goes) {
   std::vector<PairProjection> to_newest(window_.size());
   for (int h = 0; h < newest; ++h) to_newest[h] = window_.Projection(h, newest);
   const auto project = [&](int host, float x, float y, float inverse_depth, float* u, float* v) {
-    const PairProjection& p = to_newest[host];
-    const float z = p.warp[6] * x + p.warp[7] * y + p.warp[8] + p.shift[2] * inverse_depth;
-    if (z < 1e-3f) return false;
-    *u = (p.warp[0] * x + p.warp[1] * y + p.warp[2] + p.shift[0] * inverse_depth) / z;
-    *v = (p.warp[3] * x + p.warp[4] * y + p.warp[5] + p.shift[1] * inverse_depth) / z;
+    if (ProjectInto(to_newest[host], x, y, inverse_depth, u, v) < kMinDepthRatio) return false;
     return *u > 2.0f && *v > 2.0f && *u < static_cast<float>(camera.width_px - 3) &&
            *v < static_cast<float>(camera.height_px - 3);
   };
@@ -305,12 +299,9 @@ std::shared_ptr<const TrackingReference> Odometry::Impl::BuildReference(int inde
       continue;
     }
     if (point.residuals[index].state != ResidualState::kGood) continue;
-    const PairProjection& p = to_index[point.host];
-    const float z = p.warp[6] * point.x + p.warp[7] * point.y + p.warp[8] + p.shift[2] * point.inverse_depth;
-    if (z < 1e-3f) continue;
-    points.push_back({(p.warp[0] * point.x + p.warp[1] * point.y + p.warp[2] + p.shift[0] * point.inverse_depth) / z,
-                      (p.warp[3] * point.x + p.warp[4] * point.y + p.warp[5] + p.shift[1] * point.inverse_depth) / z,
-                      point.inverse_depth / z, weight});
+    float u, v;
+    const float z = ProjectInto(to_index[point.host], point.x, point.y, point.inverse_depth, &u, &v);
+    if (z >= kMinDepthRatio) points.push_back({u, v, point.inverse_depth / z, weight});
   }
   reference_builder_.BuildReference(keyframe.data->pyramid, points, reference.get());
   return reference;

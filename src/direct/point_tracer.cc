@@ -86,6 +86,14 @@ bool MakeImmaturePoint(const ImagePyramid& image, int x, int y, double gradient_
   return point->gradient_xx + point->gradient_yy > 1.0f;
 }
 
+float ProjectInto(const PairProjection& pair, float x, float y, float inverse_depth, float* u, float* v) {
+  const float z = pair.warp[6] * x + pair.warp[7] * y + pair.warp[8] + pair.shift[2] * inverse_depth;
+  if (z < kMinDepthRatio) return z;
+  *u = (pair.warp[0] * x + pair.warp[1] * y + pair.warp[2] + pair.shift[0] * inverse_depth) / z;
+  *v = (pair.warp[3] * x + pair.warp[4] * y + pair.warp[5] + pair.shift[1] * inverse_depth) / z;
+  return z;
+}
+
 PairProjection MakePairProjection(const Pinhole& camera, const SE3& target_from_host, double gain, double target_offset,
                                   double host_offset) {
   Matrix3d k, inverse_k;

@@ -28,5 +28,9 @@ TraceStatus TracePoint(const ImagePyramid& image, const PairProjection& pair, co
 // K R K^-1 and K t and the brightness transfer of host to target; the linearization is that of the same state.
 PairProjection MakePairProjection(const Pinhole& camera, const SE3& target_from_host, double gain, double target_offset,
                                   double host_offset);
+inline constexpr float kMinDepthRatio = 1e-3f;
+// The pixel of the target where a pixel of the host with this inverse depth is seen. Returns the ratio of the depths,
+// target to host; nothing is projected where it is below kMinDepthRatio: behind the camera, or as good as.
+float ProjectInto(const PairProjection& pair, float x, float y, float inverse_depth, float* u, float* v);
 
 }  // namespace cairn::direct

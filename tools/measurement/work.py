@@ -36,6 +36,15 @@ def cairn(*arguments, expect=(0,)):
     return answer
 
 
+def rendered(folder, *arguments):
+    """A recording that `cairn synth` renders, unless it is there."""
+    if not folder.exists():
+        partial = folder.with_name(f'{folder.name}.partial')
+        cairn('synth', *arguments, '--out', partial, '--overwrite')
+        partial.rename(folder)
+    return folder
+
+
 def median_of_runs(runs, function):
     """Calls function(run) for each run; the median of each number in what it returns."""
     results = [function(run) for run in range(runs)]

@@ -7,7 +7,7 @@ import numpy as np
 
 from .sequences import loop_times
 from .trajectories import distance_between, read_positions, scale_drift
-from .work import cairn, median_of_runs
+from .work import cairn, median_of_runs, rendered
 
 
 # What `cairn synth` is asked for, by the name of the folder.
@@ -36,12 +36,7 @@ def roots(map_file):
 class Worlds:
     def world(self, kind, seed):
         """A rendered recording; kept in --worlds and used again."""
-        folder = self.worlds / f'{kind}_{seed}'
-        if not folder.exists():
-            partial = self.worlds / f'{kind}_{seed}.partial'
-            cairn('synth', *KINDS[kind], '--seed', seed, '--out', partial, '--overwrite')
-            partial.rename(folder)
-        return folder
+        return rendered(self.worlds / f'{kind}_{seed}', *KINDS[kind], '--seed', seed)
 
     @staticmethod
     def truth(folder):
