@@ -70,15 +70,7 @@ void Derivative(const TraceLine& line, float x, float y, TraceSums* sums) {
 const TraceKernels internal::kTraceBaseline = {Energies, Derivative};
 
 const TraceKernels& TraceKernelsFor(SimdLevel level) {
-  switch (level) {
-    case SimdLevel::kAvx512:
-      return internal::kTraceAvx512;
-    case SimdLevel::kAvx2:
-      return internal::kTraceAvx2;
-    case SimdLevel::kBaseline:
-      break;
-  }
-  return internal::kTraceBaseline;
+  return level == SimdLevel::kBaseline ? internal::kTraceBaseline : internal::kTraceAvx2;
 }
 
 }  // namespace cairn::direct

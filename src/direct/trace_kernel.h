@@ -45,8 +45,7 @@ struct TraceKernels {
 const TraceKernels& TraceKernelsFor(SimdLevel level);
 
 namespace internal {
-void TraceDerivativeAvx2(const TraceLine& line, float x, float y, TraceSums* sums);
-extern const TraceKernels kTraceBaseline, kTraceAvx2, kTraceAvx512;
+extern const TraceKernels kTraceBaseline, kTraceAvx2;
 }  // namespace internal
 
 }  // namespace cairn::direct

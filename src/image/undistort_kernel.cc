@@ -16,15 +16,7 @@ void Row(const RawImage<T>& raw, const std::int16_t* xy, const std::uint16_t* fr
 const UndistortKernels internal::kUndistortBaseline = {Row<std::uint8_t>, Row<float>};
 
 const UndistortKernels& UndistortKernelsFor(SimdLevel level) {
-  switch (level) {
-    case SimdLevel::kAvx512:
-      return internal::kUndistortAvx512;
-    case SimdLevel::kAvx2:
-      return internal::kUndistortAvx2;
-    case SimdLevel::kBaseline:
-      break;
-  }
-  return internal::kUndistortBaseline;
+  return level == SimdLevel::kBaseline ? internal::kUndistortBaseline : internal::kUndistortAvx2;
 }
 
 }  // namespace cairn::image

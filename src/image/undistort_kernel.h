@@ -29,7 +29,7 @@ struct UndistortKernels {
 const UndistortKernels& UndistortKernelsFor(SimdLevel level);
 
 namespace internal {
-extern const UndistortKernels kUndistortBaseline, kUndistortAvx2, kUndistortAvx512;
+extern const UndistortKernels kUndistortBaseline, kUndistortAvx2;
 }  // namespace internal
 
 }  // namespace cairn::image

@@ -10,22 +10,31 @@
 namespace cairn::image {
 namespace {
 
-// Positions all over a small image and around it, and then whole rows inside, as most of a lens map is.
+// Positions all over a small image and around it, then all inside, and then along lines as a lens bends them, from
+// image rows enlarged to reduced, forwards and backwards.
 class UndistortKernel : public ::testing::TestWithParam<SimdLevel> {
  protected:
   static constexpr int kWidth = 67, kHeight = 41;
 
-  UndistortKernel() : raw_(kHeight, kWidth, CV_8UC1), map_x_(60, 75, CV_32FC1), map_y_(60, 75, CV_32FC1) {
+  UndistortKernel() : raw_(kHeight, kWidth, CV_8UC1), map_x_(160, 75, CV_32FC1), map_y_(160, 75, CV_32FC1) {
     Random random(11);
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x)
         raw_.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(random.Uniform(0.0, 255.9));
     }
-    for (int y = 0; y < map_x_.rows; ++y) {
+    for (int y = 0; y < 60; ++y) {
       const double rim = y < 30 ? 3.0 : -3.0;
       for (int x = 0; x < map_x_.cols; ++x) {
         map_x_.at<float>(y, x) = static_cast<float>(random.Uniform(-rim, kWidth - 1 + rim));
         map_y_.at<float>(y, x) = static_cast<float>(random.Uniform(-rim, kHeight - 1 + rim));
+      }
+    }
+    for (int y = 60; y < map_x_.rows; ++y) {
+      const int line = (y - 60) / 2;
+      for (int x = 0; x < map_x_.cols; ++x) {
+        const float along = -2.0f + static_cast<float>(x) * (0.3f + 0.05f * static_cast<float>(line));
+        map_x_.at<float>(y, x) = y % 2 == 0 ? along : static_cast<float>(kWidth) - along;
+        map_y_.at<float>(y, x) = 0.85f * static_cast<float>(line) + 0.02f * static_cast<float>(line % 3 * x) - 0.3f;
       }
     }
     cv::convertMaps(map_x_, map_y_, xy_, fraction_, CV_16SC2, false);
