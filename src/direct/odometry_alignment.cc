@@ -16,9 +16,9 @@ constexpr double kMaxBlankGainStep = 0.5;    // from one frame to the next where
 constexpr double kSureQuality = 0.8;         // from here on an alignment is believed without a second opinion
 constexpr double kMinAgreement = 0.25;  // of the textured cells (see alignment_check.h): fewer and it is another place
 constexpr int kMaxCarriedFrames = 2;    // in a row
-// Of a frame that ends a loss, or follows one carried by the prediction.
+// Of a frame that ends a loss or a gap, or follows one carried by the prediction.
 constexpr double kMaxFoundSigmaPx = 1.0;
-constexpr double kMinFoundAgreement = 0.5;
+constexpr double kMinFoundAgreement = 0.55;
 constexpr int kMinFoundCells = 5;
 // Views with obstacles.
 constexpr int kUncoverRounds = 2;
@@ -46,17 +46,17 @@ bool Odometry::Impl::Plausible(const TrackingReference& reference, const FrameDa
     return false;
   }
   // Whoever does not know where the camera is must not believe the first wall that looks alike.
-  const bool lost = lost_frames_ > 0, carried = carried_frames_ > 0;
-  if (lost && outcome.weakest_sigma_px > kMaxFoundSigmaPx) return false;
+  const bool carried = carried_frames_ > 0;
+  if (unsure_ && outcome.weakest_sigma_px > kMaxFoundSigmaPx) return false;
   if (outcome.weakest_sigma_px > kCarriedSigmaPx) {
     // A blank wall fits any gain.
     if (carried_frames_ >= kMaxCarriedFrames || std::abs(outcome.light.a - last_light_.a) > kMaxBlankGainStep) {
       return false;
     }
   }
-  if (!lost && !carried && Quality(outcome) >= kSureQuality) return true;
+  if (!unsure_ && !carried && Quality(outcome) >= kSureQuality) return true;
   const AlignmentAgreement agreement = Agreement(reference, data, outcome.new_from_reference);
-  if (lost) return agreement.agreeing >= kMinFoundCells && agreement.share() >= kMinFoundAgreement;
+  if (unsure_) return agreement.agreeing >= kMinFoundCells && agreement.share() >= kMinFoundAgreement;
   return (carried && agreement.cells == 0) || agreement.share() >= (carried ? kMinFoundAgreement : kMinAgreement);
 }
 
@@ -94,8 +94,7 @@ bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameDa
 // cells of the image where an obstacle was found.
 bool Odometry::Impl::AlignView(const TrackingReference& reference, const FrameData& data,
                                const std::vector<SE3>& guesses, TrackingOutcome* outcome, CellSet* covered) {
-  const bool lost = lost_frames_ > 0;
-  if (AlignBest(reference, data, guesses, lost ? 0.0 : MotionSigmaPx(), lost ? 0.0 : last_rms_, outcome)) {
+  if (AlignBest(reference, data, guesses, unsure_ ? 0.0 : MotionSigmaPx(), unsure_ ? 0.0 : last_rms_, outcome)) {
     if (Quality(*outcome) < kSureQuality) *covered = AlignUncovered(reference, data, outcome);
     return true;
   }

@@ -192,6 +192,8 @@ class Odometry::Impl {
   double last_rms_ = 0.0;
   double prediction_variance_px2_ = 0.0;  // of the motion predicted for the last frames, see MotionGuess
   double predicted_steps_ = 1.0;          // time to the frame in units of the time between the two before it
+  bool after_gap_ = false;                // so long that nothing can be predicted
+  bool unsure_ = false;                   // lost until now, or after a gap: what is found must prove itself
   int lost_frames_ = 0;
   int carried_frames_ = 0;  // in a row, until now
   AffineLight last_light_;

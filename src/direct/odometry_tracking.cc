@@ -13,6 +13,7 @@ constexpr double kRotationStepRad = 0.02;
 constexpr double kMinMotionSigmaPx = 2.0;
 constexpr double kPredictionMemory = 0.8;  // weight of what was known of prediction errors before the last frame
 constexpr double kMaxVelocityRatio = 5.0;  // a gap is bridged by at most as many times the last motion
+constexpr double kMaxBridgedS = 0.51;      // a longer one is like a loss
 constexpr std::size_t kMaxReferences = 8;  // tried when lost
 constexpr double kPoorQuality = 0.6;
 
@@ -78,12 +79,15 @@ const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& refe
   std::vector<SE3>& guesses = guesses_;
   guesses.clear();
   predicted_steps_ = 1.0;
+  after_gap_ = false;
   if (last != nullptr) {
     const SE3 last_from_reference = (reference_from_direct * DirectFromCamera(*last)).Inverse();
     SE3 motion;
     if (before != nullptr) {
       const double step_s = ToSeconds(last->time_ns - before->time_ns), now_s = ToSeconds(time_ns - last->time_ns);
-      const double ratio = step_s > 0.0 && now_s > 0.0 ? std::min(now_s / step_s, kMaxVelocityRatio) : 1.0;
+      const double steps = step_s > 0.0 && now_s > 0.0 ? now_s / step_s : 1.0;
+      const double ratio = std::min(steps, kMaxVelocityRatio);
+      after_gap_ = now_s > kMaxBridgedS && steps > kMaxVelocityRatio;
       predicted_steps_ = std::max(1.0, ratio);
       motion = Scaled(DirectFromCamera(*last).Inverse() * DirectFromCamera(*before), ratio);
     }
@@ -141,10 +145,12 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
   TrackingOutcome outcome;
   std::shared_ptr<const TrackingReference> reference = references.front();
   const bool was_lost = lost_frames_ > 0;
-  const std::vector<SE3>& guesses = Hypotheses(*reference, frame.time_ns, was_lost);
+  Hypotheses(*reference, frame.time_ns, was_lost);
+  unsure_ = was_lost || after_gap_;
+  const std::vector<SE3>& guesses = Hypotheses(*reference, frame.time_ns, unsure_);
   const SE3 predicted = guesses.front();
   bool found = AlignView(*reference, *data, guesses, &outcome, &job->covered);
-  if (found && !was_lost) LearnPredictionError(*reference, predicted, outcome.new_from_reference);
+  if (found && !unsure_) LearnPredictionError(*reference, predicted, outcome.new_from_reference);
   if (!found)
     found = SearchReferences({references.data(), reference_count}, *data, frame.time_ns, &outcome, &reference);
   if (!found) {
