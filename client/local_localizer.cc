@@ -101,6 +101,7 @@ absl::Status LocalLocalizer::Load() {
   CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot());
   auto places = tracking::PlaceDatabase::Build(vocabulary_, *snapshot);
   CAIRN_RETURN_IF_ERROR(Annotate(places.status(), file_->path()));
+  parts_ = std::make_unique<const map::LinkedParts>(*snapshot);
   snapshot_ = std::move(snapshot);
   places_ = std::make_unique<tracking::PlaceDatabase>(*std::move(places));
   return absl::OkStatus();
@@ -131,6 +132,7 @@ void LocalLocalizer::FillPose(const tracking::Relocalization& found, api::Locali
   answer->map_from_camera = found.camera_from_map.Inverse();
   answer->covariance = found.covariance;
   answer->reference_keyframe = found.reference_keyframe;
+  answer->part = parts_->PartOf(found.reference_keyframe);
   const auto& world_from_map = snapshot_->info().world_from_map;
   if (world_from_map) answer->world_per_map = world_from_map->scale();
   answer->world_from_camera =
@@ -156,6 +158,7 @@ absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::Localize
   api::LocalizeAnswer answer;
   answer.map_id = snapshot_->info().id;
   answer.revision = snapshot_->revision();
+  answer.parts = std::max(1, static_cast<int>(parts_->parts().size()));
   answer.world_is_metric = snapshot_->info().world_from_map.has_value();
 
   const auto start = Clock::now();

@@ -10,6 +10,7 @@
 #include "api/localizer.h"
 #include "image/orb_extractor.h"
 #include "image/undistort.h"
+#include "map/linked_parts.h"
 #include "map/snapshot.h"
 #include "place/vocabulary.h"
 #include "store/map_file.h"
@@ -56,6 +57,7 @@ class LocalLocalizer : public api::Localizer {
   std::shared_ptr<const place::Vocabulary> vocabulary_;
   std::shared_ptr<const map::Snapshot> snapshot_;
   std::unique_ptr<tracking::PlaceDatabase> places_;
+  std::unique_ptr<const map::LinkedParts> parts_;
 
   std::mutex mutex_;  // of the last cameras, most recent first: making undistortion maps takes longer than using them
   std::vector<std::shared_ptr<const image::Undistorter>> undistorters_;

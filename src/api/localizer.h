@@ -62,6 +62,10 @@ struct LocalizeAnswer {
   Revision revision = 0;
   LensUse lens = LensUse::kNone;
   KeyframeId reference_keyframe;  // the one that shares most points
+  // Of the parts of the map that nothing links to each other (map/linked_parts.h), the one in which the pose is right;
+  // 0 is the largest, which an alignment to the world is about. One part for most maps.
+  int part = 0;
+  int parts = 1;
   double extract_ms = 0.0;
   double locate_ms = 0.0;
 };

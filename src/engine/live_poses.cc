@@ -1,7 +1,9 @@
 #include "engine/live_poses.h"
 
+#include <unordered_map>
 #include <utility>
 
+#include "map/linked_parts.h"
 #include "mapping/direct_trajectory.h"
 
 namespace cairn::engine {
@@ -27,6 +29,18 @@ mapping::KeyframeTrajectory Completed(const mapping::KeyframeTrajectory& known,
     completed.Add(std::move(entry));
   }
   return completed;
+}
+
+// By segment of the odometry, what of it was found in the map.
+std::unordered_map<std::int64_t, int> PartsOfSegments(const map::Snapshot& map,
+                                                      const mapping::KeyframeTrajectory& trajectory) {
+  const map::LinkedParts parts(map);
+  std::unordered_map<std::int64_t, int> part_of;
+  for (const mapping::KeyframeTrajectory::Entry& entry : trajectory.entries()) {
+    const int part = entry.reference ? parts.PartOf(entry.reference) : -1;
+    if (part >= 0) part_of[entry.segment] = part;
+  }
+  return part_of;
 }
 
 }  // namespace
@@ -60,13 +74,20 @@ PosesInMap LivePoses::All(const direct::Odometry& odometry) const {
   const std::shared_ptr<const State> state = Current();
   const direct::PoseHistory history = odometry.Poses();
   PosesInMap poses;
+  std::unordered_map<std::int64_t, int> part_of;
   if (state) {
+    part_of = PartsOfSegments(*state->map, state->trajectory);
     poses.keyframes = Completed(state->trajectory, history.keyframes).Resolve(*state->map);
     if (!state->refined) poses.keyframes = mapping::DirectTrajectory(poses.keyframes);
   }
   poses.frames.reserve(history.frames.size());
   for (const direct::FrameResult& frame : history.frames) {
-    poses.frames.push_back({frame.index, frame.time_ns, frame.state, mapping::FramePose(poses.keyframes, frame)});
+    FramePose pose = {frame.index, frame.time_ns, frame.state, mapping::FramePose(poses.keyframes, frame), -1};
+    if (pose.map_from_camera) {
+      const auto part = part_of.find(history.keyframes[static_cast<std::size_t>(frame.keyframe)].segment);
+      pose.part = part == part_of.end() ? -1 : part->second;
+    }
+    poses.frames.push_back(std::move(pose));
   }
   return poses;
 }

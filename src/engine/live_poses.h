@@ -21,6 +21,9 @@ struct FramePose {
   TimeNs time_ns = 0;
   direct::TrackingState state = direct::TrackingState::kInitializing;
   std::optional<SE3> map_from_camera;
+  // Of the parts of the map that nothing links to each other (map/linked_parts.h), the one in which the pose is right;
+  // 0 is the largest. -1 without a pose.
+  int part = -1;
 };
 
 // Frames against the keyframes that they hang on, both in temporal order.

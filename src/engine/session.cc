@@ -11,6 +11,7 @@
 #include "base/bounded_queue.h"
 #include "engine/loop_runner.h"
 #include "engine/odometry_runner.h"
+#include "map/linked_parts.h"
 #include "mapping/packet_queue.h"
 
 namespace cairn::engine {
@@ -232,6 +233,7 @@ class Session::Impl {
     report.keyframe_poses = std::move(poses.keyframes);
     report.frame_poses = std::move(poses.frames);
     for (const FramePose& frame : report.frame_poses) report.frames_tracked += frame.map_from_camera ? 1 : 0;
+    report.parts = Parts(*map, report.frame_poses);
     report.frames = static_cast<std::int64_t>(report.frame_poses.size());
     report.direct_keyframes = static_cast<std::int64_t>(report.keyframe_poses.size());
     report.keyframes = static_cast<std::int64_t>(map->keyframes().size());
@@ -249,6 +251,19 @@ class Session::Impl {
     report.keyframe_ms = keyframe_ms_;
     report.keyframe_reports = keyframe_reports_;
     return report;
+  }
+
+  static std::vector<MapPart> Parts(const map::Snapshot& map, const std::vector<FramePose>& frames) {
+    std::vector<MapPart> parts;
+    const map::LinkedParts linked(map);
+    for (const auto& keyframes : linked.parts()) parts.push_back({static_cast<std::int64_t>(keyframes.size())});
+    for (const FramePose& frame : frames) {
+      if (frame.part < 0) continue;
+      MapPart& part = parts[static_cast<std::size_t>(frame.part)];
+      if (part.frames++ == 0) part.first_ns = frame.time_ns;
+      part.last_ns = frame.time_ns;
+    }
+    return parts;
   }
 
   std::vector<float> FramesWhileCorrecting() const {

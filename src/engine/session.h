@@ -49,12 +49,20 @@ struct SessionOptions {
   absl::Status Validate() const;
 };
 
+// A part of the map that nothing links to the others (map/linked_parts.h), and what this session has in it.
+struct MapPart {
+  std::int64_t keyframes = 0;  // in the map, of all sessions
+  std::int64_t frames = 0;     // of this session, with a pose
+  TimeNs first_ns = 0, last_ns = 0;
+};
+
 struct SessionReport {
   std::int64_t frames = 0;
   std::int64_t frames_tracked = 0;
   std::int64_t direct_keyframes = 0;
   std::int64_t keyframes = 0;  // in the map
   std::int64_t points = 0;
+  std::vector<MapPart> parts;                 // of the map; the poses of one say nothing of those of another
   std::int64_t feature_losses = 0;            // times the feature module lost the map
   std::vector<mapping::LoopReport> loops;     // closed, in order
   std::map<std::string, int> loops_rejected;  // searches that ended with a candidate that is no loop, by the reason

@@ -109,17 +109,46 @@ class Office(unittest.TestCase):
         self.assertEqual(result['wrong'], 0)
         self.assertLess(result['error_m']['median'], 0.03)
 
+    def without(self, begin, end, name):
+        """The first visit without some of its images."""
+        folder, cam = self.folder / name, self.first / 'mav0' / 'cam0'
+        (folder / 'mav0' / 'cam0').mkdir(parents=True)
+        for part in ('data', 'sensor.yaml'):
+            (folder / 'mav0' / 'cam0' / part).symlink_to((cam / part).resolve())
+        header, *images = (cam / 'data.csv').read_text().splitlines(keepends=True)
+        (folder / 'mav0' / 'cam0' / 'data.csv').write_text(header + ''.join(images[:begin] + images[end:]))
+        return folder
+
     def test_a_gap_between_images_is_told(self):
-        gap, cam = self.folder / 'gap', self.first / 'mav0' / 'cam0'
-        (gap / 'mav0' / 'cam0').mkdir(parents=True)
-        for name in ('data', 'sensor.yaml'):
-            (gap / 'mav0' / 'cam0' / name).symlink_to((cam / name).resolve())
-        lines = (cam / 'data.csv').read_text().splitlines(keepends=True)
-        (gap / 'mav0' / 'cam0' / 'data.csv').write_text(''.join(lines[:101] + lines[131:]))
-        report = must('run', gap, '--odometry-only', '--deterministic', '--trajectory', self.folder / 'gap.txt')
+        report = must('run', self.without(100, 130, 'gap'), '--odometry-only', '--deterministic', '--trajectory',
+                      self.folder / 'gap.txt')
         self.assertEqual(report['gaps'], 1)
-        self.assertAlmostEqual(report['longest_gap_s'], 31 * report['duration_s'] / (len(lines) - 2), delta=0.01)
+        self.assertAlmostEqual(report['longest_gap_s'], 31 * self.report['duration_s'] / (self.report['frames'] - 1), delta=0.01)
         self.assertEqual(must('run', self.first, '--odometry-only', '--until', 2, '--trajectory', self.folder / 'two.txt')['gaps'], 0)
+
+    def test_parts_of_a_map_that_nothing_links_are_told_apart(self):
+        # Three seconds are missing in which the camera turned away: what it sees then is linked to nothing before.
+        parts_map, frames, poses = (self.folder / name for name in ('parts.cairn', 'parts.txt', 'parts_poses.txt'))
+        visit, truth = self.without(50, 110, 'away'), self.first / 'groundtruth_cam0.txt'
+        report = must('run', visit, '--map', parts_map, '--deterministic', '--trajectory', frames)
+        self.assertEqual(report['segments'], 2)
+        self.assertEqual(len(report['parts']), 2)
+        largest, other = report['parts']
+        self.assertGreaterEqual(largest['keyframes'], other['keyframes'])
+        self.assertEqual(report['keyframes'], largest['keyframes'] + other['keyframes'])
+        ate = must('eval', 'ate', frames, truth)
+        self.assertEqual(ate['associated'], largest['frames'])
+        self.assertLess(ate['ate_m'], 0.02)
+        self.assertEqual([part['keyframes'] for part in must('info', parts_map)['parts']],
+                         [largest['keyframes'], other['keyframes']])
+        self.assertEqual(must('align', parts_map, '--groundtruth', truth)['parts'], 2)
+        located = must('localize', visit, '--stride', 5, '--map', parts_map, '--independent', '--out', poses, '--verbose')
+        in_parts = [image['part'] for image in located['images'] if image['localized']]
+        self.assertEqual(in_parts.count(2), located['localized_in_other_parts'])
+        self.assertGreaterEqual(in_parts.count(2), 3)
+        self.assertGreaterEqual(in_parts.count(1), 3)
+        result = must('eval', 'localization', poses, truth)
+        self.assertEqual((result['wrong'], result['answered']), (0, in_parts.count(1)), result)
 
     def test_info_knows_the_alignment_and_the_provenance(self):
         info = must('info', self.map)

@@ -8,6 +8,7 @@
 #include "geometry/alignment.h"
 #include "io/trajectory.h"
 #include "map/edit.h"
+#include "map/linked_parts.h"
 
 namespace cairn::cli {
 namespace {
@@ -28,8 +29,11 @@ absl::Status Align(const AlignOptions& options) {
     return absl::AlreadyExistsError(
         absl::StrCat(options.map, " is aligned already: give --overwrite to align it anew"));
   }
+  // What nothing links to the largest part has a scale and a place of its own.
+  const map::LinkedParts parts(*map);
   std::vector<io::StampedPose> keyframes;
   map->keyframes().ForEach([&](const auto& keyframe) {
+    if (parts.PartOf(keyframe->id) != 0) return;
     keyframes.push_back({keyframe->time_ns, keyframe->camera_from_map.Inverse()});
   });
   keyframes = eval::SortedFinite(keyframes);
@@ -64,6 +68,7 @@ absl::Status Align(const AlignOptions& options) {
   if (options.json) {
     PrintJson({{"map", options.map},
                {"revision", aligned->revision()},
+               {"parts", parts.parts().size()},
                {"keyframes_used", in_map.size()},
                {"inliers", alignment->inlier_count},
                {"rmse_m", alignment->rmse},
@@ -74,6 +79,10 @@ absl::Status Align(const AlignOptions& options) {
     std::printf("%s is aligned: scale %.4f +- %.4f, %.4f m RMSE over %d of %zu keyframes with a reference pose\n",
                 options.map.c_str(), alignment->a_from_b.scale(), alignment->scale_sigma, alignment->rmse,
                 alignment->inlier_count, in_map.size());
+    if (parts.parts().size() > 1) {
+      std::printf("  this holds for part 1 of %zu, %zu keyframes: nothing links the others to it (cairn info)\n",
+                  parts.parts().size(), keyframes.size());
+    }
   }
   return absl::OkStatus();
 }

@@ -7,6 +7,7 @@
 #include "cli/cli.h"
 #include "cli/pictures.h"
 #include "cli/session_report.h"
+#include "map/linked_parts.h"
 #include "store/map_file.h"
 
 namespace cairn::cli {
@@ -87,11 +88,17 @@ nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) 
              {"translation", {s.translation().x(), s.translation().y(), s.translation().z()}},
              {"quaternion_xyzw", {s.rotation().x(), s.rotation().y(), s.rotation().z(), s.rotation().w()}}};
   }
+  nlohmann::ordered_json parts = nlohmann::ordered_json::array();
+  const map::LinkedParts linked(map);
+  for (const auto& keyframes : linked.parts()) {
+    parts.push_back({{"keyframes", keyframes.size()}, {"first_keyframe", keyframes.front().value()}});
+  }
   return {{"id", map.info().id},
           {"name", map.info().name},
           {"revision", map.revision()},
           {"keyframes", map.keyframes().size()},
           {"points", map.points().size()},
+          {"parts", parts},
           {"features_per_keyframe", means.features},
           {"points_per_keyframe", means.matched},
           {"covisible_keyframes", means.neighbours},
@@ -114,6 +121,11 @@ void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const s
               number("covisible_keyframes"));
   std::printf("  %lld points, seen %.1f times each\n", info["points"].get<long long>(),
               number("observations_per_point"));
+  if (info["parts"].size() > 1) {
+    std::printf("  %zu parts that nothing links, each with a place and scale of its own:", info["parts"].size());
+    for (const auto& part : info["parts"]) std::printf(" %lld", part["keyframes"].get<long long>());
+    std::printf(" keyframes\n");
+  }
   if (info["world_from_map"].is_null()) {
     std::printf("  not aligned: its scale and origin are arbitrary (cairn align)\n");
   } else {

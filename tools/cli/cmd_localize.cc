@@ -45,6 +45,8 @@ nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::stri
     json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
     json["position_sigma"] = PositionSigma(answer);
     json["reference_keyframe"] = answer.reference_keyframe.value();
+    json["part"] = answer.part + 1;
+    json["parts"] = answer.parts;
   } else {
     json["failed_stage"] = api::LocalizeStageName(answer.stage);
     json["reason"] = answer.reason;
@@ -64,9 +66,11 @@ void PrintAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
   const std::string name = std::filesystem::path(path).filename().string();
   if (answer.localized) {
     const Vector3d& t = answer.world_from_camera.translation();
-    std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms\n", name.c_str(), t.x(), t.y(), t.z(),
-                answer.world_is_metric ? "m" : "(map units)", answer.counts.inliers,
+    std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", name.c_str(), t.x(), t.y(), t.z(),
+                answer.world_is_metric && answer.part == 0 ? "m" : "(map units)", answer.counts.inliers,
                 answer.extract_ms + answer.locate_ms);
+    if (answer.parts > 1) std::printf(", in part %d of %d of the map", answer.part + 1, answer.parts);
+    std::printf("\n");
   } else {
     std::printf("%s: not located at stage \"%s\": %s\n", name.c_str(), api::LocalizeStageName(answer.stage),
                 answer.reason.c_str());
@@ -77,6 +81,7 @@ void PrintAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
 struct Summary {
   std::int64_t frames = 0;
   std::int64_t localized = 0;
+  std::int64_t elsewhere = 0;                  // of these, in a part of the map that nothing links to the largest
   std::map<std::string, std::int64_t> misses;  // by stage
   std::vector<float> latency_ms;
   std::vector<io::StampedPose> poses;
@@ -95,7 +100,8 @@ struct Summary {
     lens = answer.lens;
     if (answer.localized) {
       ++localized;
-      poses.push_back({time_ns, answer.world_from_camera});
+      elsewhere += answer.part != 0 ? 1 : 0;
+      if (answer.part == 0) poses.push_back({time_ns, answer.world_from_camera});
     } else {
       ++misses[api::LocalizeStageName(answer.stage)];
     }
@@ -132,15 +138,11 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
   const double share =
       summary.frames > 0 ? static_cast<double>(summary.localized) / static_cast<double>(summary.frames) : 0.0;
   if (options.json) {
-    nlohmann::ordered_json json = {{"map", summary.map_id},
-                                   {"revision", summary.revision},
-                                   {"frames", summary.frames},
-                                   {"localized", summary.localized},
-                                   {"localized_share", share},
-                                   {"frames_skipped", skipped},
-                                   {"lens", api::LensUseName(summary.lens)},
-                                   {"misses", summary.misses},
-                                   {"latency_ms", SampleStatistics(summary.latency_ms)}};
+    nlohmann::ordered_json json = {{"map", summary.map_id},     {"revision", summary.revision},
+                                   {"frames", summary.frames},  {"localized", summary.localized},
+                                   {"localized_share", share},  {"localized_in_other_parts", summary.elsewhere},
+                                   {"frames_skipped", skipped}, {"lens", api::LensUseName(summary.lens)},
+                                   {"misses", summary.misses},  {"latency_ms", SampleStatistics(summary.latency_ms)}};
     if (options.verbose) json["images"] = summary.images;
     PrintJson(json);
     return;
@@ -148,6 +150,10 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
   std::printf("located %lld of %lld images (%.1f %%), %.1f ms median each (p99 %.1f)\n",
               static_cast<long long>(summary.localized), static_cast<long long>(summary.frames), 100.0 * share,
               Percentile(summary.latency_ms, 0.5), Percentile(summary.latency_ms, 0.99));
+  if (summary.elsewhere > 0) {
+    std::printf("  %lld of them in parts of the map that nothing links to the largest (cairn info): not in the files\n",
+                static_cast<long long>(summary.elsewhere));
+  }
   for (const auto& [stage, count] : summary.misses) {
     std::printf("  %lld missed at stage \"%s\"\n", static_cast<long long>(count), stage.c_str());
   }
@@ -237,7 +243,8 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   auto options = std::make_shared<LocalizeOptions>();
   AddInputOptions(verb, &options->input);
   verb->add_option("--map", options->map, "Map file (.cairn); it is only read")->required();
-  verb->add_option("--out", options->out, "Write the poses found to this file (TUM format)");
+  verb->add_option("--out", options->out,
+                   "Write the poses found to this file (TUM format); of a map of several parts those in the largest");
   verb->add_option("--picture", options->picture, "Draw the map and the cameras found to this .png or .svg file");
   verb->add_flag("--independent", options->independent,
                  "Locate each image on its own, without help from the ones before it (needed for a sequence)");

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 
+#include "map/linked_parts.h"
 #include "plot/figures.h"
 
 namespace cairn::cli {
@@ -13,10 +14,17 @@ absl::Status DrawMap(const map::Snapshot& map, const std::string& path, const st
   figure.title = map.info().name;
   figure.metric = map.info().world_from_map.has_value();
   figure.queries = queries;
-  map.points().ForEach([&](const auto& point) { figure.points_m.push_back(world_from_map * point->position); });
+  // Where the other parts lie to the largest is not known.
+  const map::LinkedParts parts(map);
+  if (parts.parts().size() > 1) absl::StrAppend(&figure.title, " (part 1 of ", parts.parts().size(), ")");
+  map.points().ForEach([&](const auto& point) {
+    if (parts.PartOf(point->reference.keyframe) == 0) figure.points_m.push_back(world_from_map * point->position);
+  });
 
   std::vector<const map::Keyframe*> keyframes;
-  map.keyframes().ForEach([&](const auto& keyframe) { keyframes.push_back(keyframe.get()); });
+  map.keyframes().ForEach([&](const auto& keyframe) {
+    if (parts.PartOf(keyframe->id) == 0) keyframes.push_back(keyframe.get());
+  });
   std::sort(keyframes.begin(), keyframes.end(), [](const auto* a, const auto* b) {
     return a->session != b->session ? a->session < b->session : a->time_ns < b->time_ns;
   });

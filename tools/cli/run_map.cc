@@ -10,6 +10,7 @@
 #include "cli/sample_statistics.h"
 #include "cli/session_report.h"
 #include "io/trajectory.h"
+#include "map/linked_parts.h"
 #include "place/default_vocabulary.h"
 
 namespace cairn::cli {
@@ -87,6 +88,33 @@ std::string StateSummary(const std::vector<mapping::KeyframeReport>& reports) {
   return summary;
 }
 
+nlohmann::ordered_json PartsAsJson(const std::vector<engine::MapPart>& parts, TimeNs first_ns) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  for (const engine::MapPart& part : parts) {
+    json.push_back({{"keyframes", part.keyframes}, {"frames", part.frames}});
+    if (part.frames == 0) continue;
+    json.back().update({{"from_s", ToSeconds(part.first_ns - first_ns)}, {"to_s", ToSeconds(part.last_ns - first_ns)}});
+  }
+  return json;
+}
+
+void PrintParts(const std::vector<engine::MapPart>& parts, TimeNs first_ns) {
+  if (parts.size() < 2) return;
+  std::printf(
+      "  the map has %zu parts that nothing links: tracking was lost, and began anew where nothing known was seen.\n"
+      "  Each is right in itself, but how they lie to each other is not known; files hold part 1 alone\n",
+      parts.size());
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const engine::MapPart& part = parts[i];
+    std::printf("    part %zu: %lld keyframes, %lld frames", i + 1, static_cast<long long>(part.keyframes),
+                static_cast<long long>(part.frames));
+    if (part.frames > 0) {
+      std::printf(" from %.1f to %.1f s", ToSeconds(part.first_ns - first_ns), ToSeconds(part.last_ns - first_ns));
+    }
+    std::printf("\n");
+  }
+}
+
 void PrintReport(const RunOptions& options, const engine::SessionReport& report, const map::Session& session,
                  const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt,
                  std::optional<std::int64_t> live_poses) {
@@ -98,6 +126,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
                  {"points", report.points},
                  {"segments", report.odometry.segments},
                  {"recoveries", report.odometry.recoveries},
+                 {"parts", PartsAsJson(report.parts, session.first_ns)},
                  {"feature_losses", report.feature_losses},
                  {"loops", LoopsAsJson(session)},
                  {"loops_rejected", report.loops_rejected},
@@ -122,6 +151,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
               Percentile(report.frame_ms, 0.5), Mean(report.frame_ms), Percentile(report.keyframe_ms, 0.5));
   PrintLoopsAndTrajectory(session, "  ");
+  PrintParts(report.parts, session.first_ns);
   if (report.lens) std::printf("  lens %s\n", report.lens->reason.c_str());
   std::printf("  keyframes of the odometry in the feature module: %s\n", StateSummary(report.keyframe_reports).c_str());
   if (report.odometry.recoveries > 0) {
@@ -129,8 +159,8 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
                 static_cast<long long>(report.odometry.recoveries));
   }
   if (report.feature_losses > 0) {
-    std::printf("  the feature map was lost %lld times; the odometry bridged it\n",
-                static_cast<long long>(report.feature_losses));
+    std::printf("  the feature map was lost %lld times%s\n", static_cast<long long>(report.feature_losses),
+                report.odometry.segments < 2 ? "; the odometry bridged it" : "");
   }
   if (live_poses) {
     std::printf("  %lld of %lld frames had a pose in the map when they were tracked\n",
@@ -191,8 +221,11 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
 
 std::vector<std::pair<TimeNs, SE3>> MapKeyframePoses(const map::Snapshot& map) {
   std::vector<std::pair<TimeNs, SE3>> poses;
-  map.keyframes().ForEach(
-      [&](const auto& keyframe) { poses.emplace_back(keyframe->time_ns, keyframe->camera_from_map.Inverse()); });
+  const map::LinkedParts parts(map);
+  map.keyframes().ForEach([&](const auto& keyframe) {
+    if (parts.PartOf(keyframe->id) != 0) return;
+    poses.emplace_back(keyframe->time_ns, keyframe->camera_from_map.Inverse());
+  });
   std::sort(poses.begin(), poses.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   return poses;
 }
@@ -239,7 +272,7 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
                                                              session->preparation(), interrupt, add, finish));
   std::vector<std::pair<TimeNs, SE3>> frame_poses;
   for (const engine::FramePose& frame : report.frame_poses) {
-    if (frame.map_from_camera) frame_poses.emplace_back(frame.time_ns, *frame.map_from_camera);
+    if (frame.part == 0) frame_poses.emplace_back(frame.time_ns, *frame.map_from_camera);
   }
   CAIRN_RETURN_IF_ERROR(run.writer->Close());
   CAIRN_RETURN_IF_ERROR(WriteMapOutputs(options, *run.writer->Current(), frame_poses));
