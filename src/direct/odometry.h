@@ -67,6 +67,14 @@ struct PoseHistory {
   std::vector<KeyframePose> keyframes;  // as KeyframeTrajectory() says
 };
 
+// After so long a time between two images nothing is known of the motion, and what is seen must prove itself like what
+// ends a loss. Half a second of images may be missing, at 20 per second and more, or four at lower rates.
+inline constexpr double kMaxBridgedS = 0.55;
+inline constexpr double kMaxBridgedIntervals = 5.0;
+inline bool IsLongGap(double gap_s, double interval_s) {
+  return gap_s > kMaxBridgedS && gap_s > kMaxBridgedIntervals * interval_s;
+}
+
 class Odometry {
  public:
   // `camera` is that of Frame::image (full resolution, undistorted). InvalidArgument for bad options or a camera

@@ -96,6 +96,13 @@ class Odometry::Impl {
 
   // odometry_tracking.cc
   FrameResult TrackFrame(const Frame& frame, std::size_t position, Job* job);
+  void ResetTracking();
+  // The newest two frames with a pose in a segment, in the order of time; null where there is none. mutex_ held.
+  struct TrackedPair {
+    const FrameResult* before = nullptr;
+    const FrameResult* last = nullptr;
+  };
+  TrackedPair LastTracked(std::int64_t segment) const;
   const std::vector<SE3>& Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide);
   double MotionSigmaPx() const;
   void LearnPredictionError(const TrackingReference& reference, const SE3& predicted, const SE3& found);
@@ -192,8 +199,7 @@ class Odometry::Impl {
   double last_rms_ = 0.0;
   double prediction_variance_px2_ = 0.0;  // of the motion predicted for the last frames, see MotionGuess
   double predicted_steps_ = 1.0;          // time to the frame in units of the time between the two before it
-  bool after_gap_ = false;                // so long that nothing can be predicted
-  bool unsure_ = false;                   // lost until now, or after a gap: what is found must prove itself
+  bool unsure_ = false;                   // lost until now, or after a long gap: what is found must prove itself
   int lost_frames_ = 0;
   int carried_frames_ = 0;  // in a row, until now
   AffineLight last_light_;

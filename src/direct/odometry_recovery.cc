@@ -12,7 +12,6 @@ namespace {
 
 constexpr std::size_t kMinKnownPoints = 40;
 constexpr double kKnownDepthSigma = 0.01;  // of a known point, relative
-constexpr double kFirstPredictionErrorPx = 4.0;
 constexpr double kBorderPx = 4.0;
 
 double MedianInverseDepth(const std::vector<PacketPoint>& points) {
@@ -80,10 +79,7 @@ void Odometry::Impl::BeginAt(const KnownView& view) {
     const std::shared_ptr<const TrackingReference> reference = BuildReference(0);
     SetReference(reference);
     StoreRetracked(here->position, reference->keyframe, SE3(), 1.0);
-    lost_frames_ = carried_frames_ = 0;
-    first_rms_reference_ = -1;
-    last_rms_ = 0.0;
-    prediction_variance_px2_ = kFirstPredictionErrorPx * kFirstPredictionErrorPx;
+    ResetTracking();
     TrackBackwards(std::vector<Retained>(waiting.begin(), here), *reference);
     InterpolateThinned(waiting.front().position, here->position);
     last_light_ = reference->light;

@@ -96,6 +96,13 @@ TEST(OdometryRobustness, FramesThatAreMissingForHalfASecondCostNothingElse) {
   EXPECT_LT(RelativeError(outcome.final), 0.015);
 }
 
+TEST(OdometryRobustness, AGapIsLongBeyondHalfASecondAndFourMissingImages) {
+  EXPECT_FALSE(IsLongGap(16 / 30.0, 1 / 30.0)) << "half a second is missing";
+  EXPECT_TRUE(IsLongGap(18 / 30.0, 1 / 30.0));
+  EXPECT_FALSE(IsLongGap(5 / 4.0, 1 / 4.0)) << "four images are missing";
+  EXPECT_TRUE(IsLongGap(6 / 4.0, 1 / 4.0));
+}
+
 // Turning along a wall without texture, seen between two that have some: new points are taken while old ones are in
 // view.
 TEST(OdometryRobustness, ABlankWallIsPassed) {

@@ -15,7 +15,6 @@ constexpr int kFirstOptimizationIterations = 25;
 constexpr int kMinFirstPoints = 100;
 constexpr double kMaxFirstRmsGray = 9.0;
 constexpr double kInterpolatedQuality = 0.3;
-constexpr double kFirstPredictionErrorPx = 4.0;
 
 }  // namespace
 
@@ -52,10 +51,7 @@ void Odometry::Impl::AddToStart(const Job& job) {
 
 // The first window stands: poses for the frames that waited. track_mutex_ held.
 void Odometry::Impl::AdoptStart(const StartResult& start) {
-  lost_frames_ = carried_frames_ = 0;
-  first_rms_reference_ = -1;
-  last_rms_ = 0.0;
-  prediction_variance_px2_ = kFirstPredictionErrorPx * kFirstPredictionErrorPx;
+  ResetTracking();
   RetrackRetained(start, start_reference_);
   InterpolateThinned(retained_.front().position, retained_[start_reference_].position);
   last_light_ = window_.newest().light;

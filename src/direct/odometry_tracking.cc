@@ -12,8 +12,8 @@ namespace {
 constexpr double kRotationStepRad = 0.02;
 constexpr double kMinMotionSigmaPx = 2.0;
 constexpr double kPredictionMemory = 0.8;  // weight of what was known of prediction errors before the last frame
+constexpr double kFirstPredictionErrorPx = 4.0;
 constexpr double kMaxVelocityRatio = 5.0;  // a gap is bridged by at most as many times the last motion
-constexpr double kMaxBridgedS = 0.51;      // a longer one is like a loss
 constexpr std::size_t kMaxReferences = 8;  // tried when lost
 constexpr double kPoorQuality = 0.6;
 
@@ -57,37 +57,44 @@ absl::StatusOr<FrameResult> Odometry::Impl::Track(const Frame& frame) {
   return result;
 }
 
+// A segment begins: nothing is known of the motion and of the residuals. track_mutex_ held.
+void Odometry::Impl::ResetTracking() {
+  lost_frames_ = carried_frames_ = 0;
+  unsure_ = false;
+  first_rms_reference_ = -1;
+  last_rms_ = 0.0;
+  prediction_variance_px2_ = kFirstPredictionErrorPx * kFirstPredictionErrorPx;
+}
+
+Odometry::Impl::TrackedPair Odometry::Impl::LastTracked(std::int64_t segment) const {
+  TrackedPair pair;
+  for (auto it = results_.rbegin(); it != results_.rend() && pair.before == nullptr; ++it) {
+    if (it->keyframe < 0) {
+      if (pair.last != nullptr) break;
+      continue;
+    }
+    if (keyframes_[static_cast<std::size_t>(it->keyframe)].segment != segment) break;
+    (pair.last == nullptr ? pair.last : pair.before) = &*it;
+  }
+  return pair;
+}
+
 // Constant velocity (scaled by the time between the frames), its half and double, no motion, none since the keyframe,
 // then small rotations about all of their combinations.
 const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide) {
   std::lock_guard lock(mutex_);
-  const SE3 reference_from_direct =
-      keyframes_[static_cast<std::size_t>(reference.keyframe)].direct_from_camera.Inverse();
-  const FrameResult* last = nullptr;
-  const FrameResult* before = nullptr;
-  for (auto it = results_.rbegin(); it != results_.rend() && before == nullptr; ++it) {
-    if (it->keyframe < 0) {
-      if (last != nullptr) break;
-      continue;
-    }
-    if (keyframes_[static_cast<std::size_t>(it->keyframe)].segment !=
-        keyframes_[static_cast<std::size_t>(reference.keyframe)].segment) {
-      break;
-    }
-    (last == nullptr ? last : before) = &*it;
-  }
+  const KeyframePose& keyframe = keyframes_[static_cast<std::size_t>(reference.keyframe)];
+  const SE3 reference_from_direct = keyframe.direct_from_camera.Inverse();
+  const auto [before, last] = LastTracked(keyframe.segment);
   std::vector<SE3>& guesses = guesses_;
   guesses.clear();
   predicted_steps_ = 1.0;
-  after_gap_ = false;
   if (last != nullptr) {
     const SE3 last_from_reference = (reference_from_direct * DirectFromCamera(*last)).Inverse();
     SE3 motion;
     if (before != nullptr) {
       const double step_s = ToSeconds(last->time_ns - before->time_ns), now_s = ToSeconds(time_ns - last->time_ns);
-      const double steps = step_s > 0.0 && now_s > 0.0 ? now_s / step_s : 1.0;
-      const double ratio = std::min(steps, kMaxVelocityRatio);
-      after_gap_ = now_s > kMaxBridgedS && steps > kMaxVelocityRatio;
+      const double ratio = step_s > 0.0 && now_s > 0.0 ? std::min(now_s / step_s, kMaxVelocityRatio) : 1.0;
       predicted_steps_ = std::max(1.0, ratio);
       motion = Scaled(DirectFromCamera(*last).Inverse() * DirectFromCamera(*before), ratio);
     }
@@ -138,15 +145,16 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
     std::lock_guard lock(mutex_);
     reference_count = references_.size();
     std::copy(references_.rbegin(), references_.rend(), references.begin());
+    const std::int64_t segment = keyframes_[static_cast<std::size_t>(references.front()->keyframe)].segment;
+    const auto [before, last] = LastTracked(segment);
+    unsure_ = lost_frames_ > 0 || (before != nullptr && IsLongGap(ToSeconds(frame.time_ns - last->time_ns),
+                                                                  ToSeconds(last->time_ns - before->time_ns)));
   }
   FrameResult result;
   result.index = frame.index;
   result.time_ns = frame.time_ns;
   TrackingOutcome outcome;
   std::shared_ptr<const TrackingReference> reference = references.front();
-  const bool was_lost = lost_frames_ > 0;
-  Hypotheses(*reference, frame.time_ns, was_lost);
-  unsure_ = was_lost || after_gap_;
   const std::vector<SE3>& guesses = Hypotheses(*reference, frame.time_ns, unsure_);
   const SE3 predicted = guesses.front();
   bool found = AlignView(*reference, *data, guesses, &outcome, &job->covered);

@@ -32,9 +32,8 @@ mapping::KeyframeTrajectory Completed(const mapping::KeyframeTrajectory& known,
 }
 
 // By segment of the odometry, what of it was found in the map.
-std::unordered_map<std::int64_t, int> PartsOfSegments(const map::Snapshot& map,
+std::unordered_map<std::int64_t, int> PartsOfSegments(const map::LinkedParts& parts,
                                                       const mapping::KeyframeTrajectory& trajectory) {
-  const map::LinkedParts parts(map);
   std::unordered_map<std::int64_t, int> part_of;
   for (const mapping::KeyframeTrajectory::Entry& entry : trajectory.entries()) {
     const int part = entry.reference ? parts.PartOf(entry.reference) : -1;
@@ -76,7 +75,9 @@ PosesInMap LivePoses::All(const direct::Odometry& odometry) const {
   PosesInMap poses;
   std::unordered_map<std::int64_t, int> part_of;
   if (state) {
-    part_of = PartsOfSegments(*state->map, state->trajectory);
+    const map::LinkedParts parts(*state->map);
+    poses.parts = parts.parts();
+    part_of = PartsOfSegments(parts, state->trajectory);
     poses.keyframes = Completed(state->trajectory, history.keyframes).Resolve(*state->map);
     if (!state->refined) poses.keyframes = mapping::DirectTrajectory(poses.keyframes);
   }

@@ -30,6 +30,7 @@ struct FramePose {
 struct PosesInMap {
   std::vector<FramePose> frames;
   std::vector<mapping::TrajectoryKeyframe> keyframes;
+  std::vector<std::vector<KeyframeId>> parts;  // of the map that the poses are in, as LinkedParts::parts()
 };
 
 class LivePoses {

@@ -11,7 +11,6 @@
 #include "base/bounded_queue.h"
 #include "engine/loop_runner.h"
 #include "engine/odometry_runner.h"
-#include "map/linked_parts.h"
 #include "mapping/packet_queue.h"
 
 namespace cairn::engine {
@@ -233,7 +232,7 @@ class Session::Impl {
     report.keyframe_poses = std::move(poses.keyframes);
     report.frame_poses = std::move(poses.frames);
     for (const FramePose& frame : report.frame_poses) report.frames_tracked += frame.map_from_camera ? 1 : 0;
-    report.parts = Parts(*map, report.frame_poses);
+    report.parts = Parts(poses.parts, report.frame_poses);
     report.frames = static_cast<std::int64_t>(report.frame_poses.size());
     report.direct_keyframes = static_cast<std::int64_t>(report.keyframe_poses.size());
     report.keyframes = static_cast<std::int64_t>(map->keyframes().size());
@@ -253,10 +252,10 @@ class Session::Impl {
     return report;
   }
 
-  static std::vector<MapPart> Parts(const map::Snapshot& map, const std::vector<FramePose>& frames) {
+  static std::vector<MapPart> Parts(const std::vector<std::vector<KeyframeId>>& linked,
+                                    const std::vector<FramePose>& frames) {
     std::vector<MapPart> parts;
-    const map::LinkedParts linked(map);
-    for (const auto& keyframes : linked.parts()) parts.push_back({static_cast<std::int64_t>(keyframes.size())});
+    for (const auto& keyframes : linked) parts.push_back({static_cast<std::int64_t>(keyframes.size())});
     for (const FramePose& frame : frames) {
       if (frame.part < 0) continue;
       MapPart& part = parts[static_cast<std::size_t>(frame.part)];

@@ -102,7 +102,8 @@ class Session {
   // The poses of all frames so far in the map as it is now, after every loop and adjustment until now; at the end those
   // of the report. From any thread at any time; nobody who tracks or maps waits for it longer than a copy takes.
   std::vector<FramePose> FramePoses() const;
-  // Of one answer of AddFrame(), in the map as it is now. None while nothing links it to the map.
+  // Of one answer of AddFrame(), in the map as it is now. None while nothing links it to the map. After a loss that
+  // nothing bridged it is in a part of the map of its own, which FramePoses() tells and this does not.
   std::optional<SE3> PoseInMap(const direct::FrameResult& frame) const;
 
   // Ends the stream, waits for the feature module, closes the session in the map. FailedPrecondition, saying what the

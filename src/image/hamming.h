@@ -8,8 +8,8 @@
 
 namespace cairn::image {
 
-// distances[i] = HammingDistance(query, descriptors[i]) for i < count. Uses the population count instruction where the
-// processor has it; the results are the same everywhere.
+// distances[i] = HammingDistance(query, descriptors[i]) for i < count. With AVX2 where the processor has it; the
+// results are the same everywhere.
 void HammingDistances(const Descriptor& query, const Descriptor* descriptors, std::size_t count,
                       std::uint16_t* distances);
 
@@ -18,7 +18,7 @@ void HammingDistancesAt(const Descriptor& query, const Descriptor* descriptors, 
                         std::size_t count, std::uint16_t* distances);
 
 namespace internal {
-// The same on plain words (four per descriptor), without and with the instruction.
+// The same on plain words (four per descriptor), without and with AVX2.
 void HammingDistancesPortable(const std::uint64_t* query, const std::uint64_t* descriptors, std::size_t count,
                               std::uint16_t* distances);
 void HammingDistancesAvx2(const std::uint64_t* query, const std::uint64_t* descriptors, std::size_t count,

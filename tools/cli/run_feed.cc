@@ -5,6 +5,7 @@
 
 #include "cli/process_memory.h"
 #include "cli/sample_statistics.h"
+#include "direct/odometry.h"
 
 namespace cairn::cli {
 namespace {
@@ -36,13 +37,10 @@ engine::RawFrame ToRaw(const io::SourceFrame& frame) {
 
 namespace {
 
-constexpr double kMinGapS = 0.5;
-constexpr double kMinGapFrames = 5.0;
-
 void NoteGap(double before_s, double after_s, const io::SourceInfo& info, FeedReport* report) {
   const double gap_s = after_s - before_s;
   const double frame_s = info.num_frames > 1 ? info.duration_s / static_cast<double>(info.num_frames - 1) : 0.0;
-  if (gap_s <= kMinGapS || gap_s <= kMinGapFrames * frame_s) return;
+  if (!direct::IsLongGap(gap_s, frame_s)) return;
   ++report->gaps;
   if (gap_s <= report->longest_gap_s) return;
   report->longest_gap_s = gap_s;

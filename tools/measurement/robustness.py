@@ -12,6 +12,8 @@ FRAMES = {'black': 5, 'truncated': 5, 'gap': 15, 'darker': 10000, 'blurred': 5}
 COVERED_FRAMES = 30
 TIMES_S = (6.0, 8.0, 10.0)  # of the damage, one run each
 COVERED_TIMES_S = tuple(float(t) for t in range(3, 13))
+# Long gaps: all pairs of these, until some seconds after the gap.
+GAPS_S, GAP_TIMES_S, AFTER_GAP_S = (1.0, 2.0), (1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 5.5, 6, 8, 10, 12), 4.0
 
 
 def texture(shape, seed=7, cell_px=14):
@@ -65,11 +67,11 @@ def spoiled(kind, source, target, at):
     return True
 
 
-def spoil(kind, at_s, folder, until_s):
-    """A copy of redkitchen with damage from `at_s` on; the times of the images that were spoiled or left out."""
+def spoil(kind, at_s, folder, until_s, count=None):
+    """A copy of redkitchen with damage from `at_s` on; the times of the `count` images that were spoiled or left out."""
     source = DATA / 'redkitchen'
     (folder / 'rgb').mkdir(parents=True)
-    lines, times, count = [], [], FRAMES.get(kind, COVERED_FRAMES)
+    lines, times, count = [], [], count or FRAMES.get(kind, COVERED_FRAMES)
     for line in open(source / 'rgb.txt'):
         if line.startswith('#') or not line.strip():
             continue
@@ -146,6 +148,27 @@ class Robustness:
             return {'until': max(r['until'] for r in results), 'ate': max(r['ate'] for r in results),
                     'posed': min(r['posed'] for r in results)}
         return self.once(f'carried away {mode}', one)
+
+    def long_gap(self, gap_s, at_s, mapped=False):
+        """ATE of redkitchen without `gap_s` of its images (30 a second), until some seconds after: of the longest piece."""
+        def one():
+            name = f'without_{gap_s:g}_{at_s:g}{"_map" if mapped else ""}'
+            spoil('gap', at_s, self.path(name), at_s + gap_s + AFTER_GAP_S, round(30 * gap_s))
+            frames = self.path(f'{name}.txt')
+            what = ['--map', self.path(f'{name}.cairn')] if mapped else ['--odometry-only']
+            cairn('run', self.path(name), '--camera', DATA / 'redkitchen' / 'camera.yaml', *what, '--deterministic',
+                  '--trajectory', frames, '--overwrite')
+            return cairn('eval', 'ate', frames, DATA / 'redkitchen' / 'reference_sfm.txt', '--max-dt', 0.005)['ate_m']
+        return self.once(f'long gap {gap_s} {at_s} {mapped}', one)
+
+    def long_gaps(self, mapped):
+        """How many of the gaps bend the trajectory, and the worst error: by the odometry alone, or with the map."""
+        def one():
+            errors = {(gap_s, at_s): self.long_gap(gap_s, at_s, mapped) for gap_s in GAPS_S for at_s in GAP_TIMES_S}
+            print(f'        gaps, {"with the map" if mapped else "odometry alone"}:',
+                  {key: round(error, 4) for key, error in errors.items()}, flush=True)
+            return {'bent': sum(error > 0.03 for error in errors.values()), 'worst': max(errors.values())}
+        return self.once(f'long gaps {mapped}', one)
 
     def damaged(self, kind, until_s=15.0):
         """The odometry alone: error against that of the same images unspoiled, and how many spoiled images have a pose."""
