@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 
-from .trajectories import read_positions, similarity_scale
+from .trajectories import read_positions, similarity_scale, white_noise
 from .work import CAIRN, DATA, ROOT, Failed, Skipped, cairn, median_of_runs
 
 
@@ -33,6 +33,16 @@ class Odometry:
                 result['ate'] = cairn('eval', 'ate', frames, DATA / name / truth, '--max-dt', 0.02)['ate_m']
             return result
         return self.once(f'alone {name}', lambda: median_of_runs(self.runs, one))
+
+    def noise(self, name, truth):
+        """Noise from image to image of the truth's positions, and of the odometry's in its scale."""
+        def one():
+            self.alone(name, truth)
+            estimated, true = read_positions(self.path(f'alone_{name}_0.txt')), read_positions(DATA / name / truth)
+            true = true[np.abs(true[:, 0][None, :] - estimated[:, 0][:, None]).argmin(axis=1), 1:]
+            scale = similarity_scale(true, estimated[:, 1:])
+            return {'truth': white_noise(true), 'own': scale * white_noise(estimated[:, 1:])}
+        return self.once(f'noise {name}', one)
 
     def scale(self):
         """How much the scale of the second 5 s of redkitchen differs from that of the first."""

@@ -32,6 +32,13 @@ def scale_drift(frames, truth, share=0.12):
     return abs(last / first - 1.0)
 
 
+def white_noise(positions):
+    """What of positions at even times is uncorrelated noise, RMS: by third differences, of which a smooth motion has next
+    to none and white noise sqrt(1 + 9 + 9 + 1) times its own."""
+    third = np.diff(positions, n=3, axis=0)
+    return float(np.sqrt((third ** 2).sum(axis=1).mean() / 20))
+
+
 def distance_between(truth, *times):
     true = read_positions(truth)
     a, b = (true[np.abs(true[:, 0] - t).argmin(), 1:] for t in times)
