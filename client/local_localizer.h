@@ -10,7 +10,6 @@
 #include "api/localizer.h"
 #include "image/orb_extractor.h"
 #include "image/undistort.h"
-#include "map/linked_parts.h"
 #include "map/snapshot.h"
 #include "place/vocabulary.h"
 #include "store/map_file.h"

@@ -3,7 +3,6 @@
 #include <unordered_map>
 #include <utility>
 
-#include "map/linked_parts.h"
 #include "mapping/direct_trajectory.h"
 
 namespace cairn::engine {

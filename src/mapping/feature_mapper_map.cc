@@ -11,8 +11,6 @@ namespace {
 // The first keyframes are all inserted: the map needs them more than it needs to be small.
 constexpr int kAlwaysInserted = 4;
 
-SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
-
 }  // namespace
 
 // Packets that need not be inserted in a row: fewer when they are rare.

@@ -15,8 +15,6 @@ constexpr int kTrustDepths = 10;
 // A search after a loss is this much wider than usual.
 constexpr double kWideSearch = 3.0;
 
-SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
-
 }  // namespace
 
 double MedianDirectDepth(std::span<const direct::PacketPoint> points) {

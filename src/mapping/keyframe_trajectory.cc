@@ -8,8 +8,6 @@
 namespace cairn::mapping {
 namespace {
 
-SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
-
 // Pose of a camera at `from` moved by the direct motion to `to`.
 SE3 Carry(const TrajectoryKeyframe& from, const SE3& direct_from_camera, double scale) {
   return from.map_from_camera * Scaled(from.direct_from_camera.Inverse() * direct_from_camera, scale);

@@ -13,10 +13,6 @@ namespace {
 
 using optimization::PoseGraphProblem;
 
-SE3 RigidPart(const Sim3& camera_from_map) {
-  return {camera_from_map.rotation(), camera_from_map.translation() / camera_from_map.scale()};
-}
-
 class Corrector {
  public:
   Corrector(const Loop& loop, const LoopEdges& earlier, const LoopOptions& options, map::Edit& edit)

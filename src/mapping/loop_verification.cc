@@ -20,11 +20,6 @@ constexpr int kCells = 8;
 constexpr double kSampleTolerance = 9.0;  // of chi-square: three times the distance
 constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 
-// The camera that sees the map through a similarity: the image does not depend on the scale.
-SE3 RigidPart(const Sim3& camera_from_map) {
-  return {camera_from_map.rotation(), camera_from_map.translation() / camera_from_map.scale()};
-}
-
 // The features of a keyframe that observe a point.
 struct WithPoints {
   explicit WithPoints(const map::Keyframe& keyframe) {

@@ -8,7 +8,6 @@
 #include "geometry/alignment.h"
 #include "io/trajectory.h"
 #include "map/edit.h"
-#include "map/linked_parts.h"
 
 namespace cairn::cli {
 namespace {

@@ -7,7 +7,6 @@
 #include "cli/cli.h"
 #include "cli/pictures.h"
 #include "cli/session_report.h"
-#include "map/linked_parts.h"
 #include "store/map_file.h"
 
 namespace cairn::cli {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <map>
 
-#include "map/linked_parts.h"
 #include "plot/figures.h"
 
 namespace cairn::cli {

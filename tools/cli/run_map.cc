@@ -10,7 +10,6 @@
 #include "cli/sample_statistics.h"
 #include "cli/session_report.h"
 #include "io/trajectory.h"
-#include "map/linked_parts.h"
 #include "place/default_vocabulary.h"
 
 namespace cairn::cli {
