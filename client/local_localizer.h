@@ -13,7 +13,7 @@
 #include "map/snapshot.h"
 #include "place/vocabulary.h"
 #include "store/map_file.h"
-#include "tracking/place_database.h"
+#include "tracking/place_index.h"
 #include "tracking/relocalizer.h"
 
 namespace cairn::client {
@@ -55,7 +55,7 @@ class LocalLocalizer : public api::Localizer {
   std::unique_ptr<store::MapFile> file_;
   std::shared_ptr<const place::Vocabulary> vocabulary_;
   std::shared_ptr<const map::Snapshot> snapshot_;
-  std::unique_ptr<tracking::PlaceDatabase> places_;
+  std::unique_ptr<tracking::PlaceIndex> places_;
   std::unique_ptr<const map::LinkedParts> parts_;
 
   std::mutex mutex_;  // of the last cameras, most recent first: making undistortion maps takes longer than using them

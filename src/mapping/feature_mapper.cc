@@ -183,7 +183,7 @@ void FeatureMapper::ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3
   impl_->ReviseDirectPoses(direct_from_camera);
 }
 
-const tracking::PlaceDatabase* FeatureMapper::places() const { return impl_->places(); }
+const tracking::PlaceIndex* FeatureMapper::places() const { return impl_->places(); }
 const KeyframeTrajectory& FeatureMapper::trajectory() const { return impl_->trajectory(); }
 const std::shared_ptr<const map::Snapshot>& FeatureMapper::map() const { return impl_->map(); }
 const std::optional<LensReport>& FeatureMapper::lens() const { return impl_->lens(); }

@@ -19,7 +19,7 @@
 #include "mapping/feature_mapper_options.h"
 #include "mapping/keyframe_trajectory.h"
 #include "place/vocabulary.h"
-#include "tracking/place_database.h"
+#include "tracking/place_index.h"
 
 namespace cairn::mapping {
 
@@ -104,7 +104,7 @@ class FeatureMapper {
       map::Delta delta, const std::unordered_map<KeyframeId, double>& scales);
 
   // The keyframes of map() by their words; null without a vocabulary.
-  const tracking::PlaceDatabase* places() const;
+  const tracking::PlaceIndex* places() const;
 
   // Every direct keyframe processed, as Trajectory() resolves them.
   const KeyframeTrajectory& trajectory() const;

@@ -18,7 +18,7 @@
 #include "mapping/local_mapper.h"
 #include "mapping/relative_scale.h"
 #include "mapping/view_record.h"
-#include "tracking/place_database.h"
+#include "tracking/place_index.h"
 #include "tracking/relocalizer.h"
 
 namespace cairn::mapping {
@@ -46,7 +46,7 @@ class FeatureMapper::Impl {
     if (vocabulary_ == nullptr) return absl::OkStatus();
     // Not owned: the vocabulary outlives the mapper.
     const std::shared_ptr<const place::Vocabulary> shared(std::shared_ptr<void>(), vocabulary_);
-    CAIRN_ASSIGN_OR_RETURN(auto places, tracking::PlaceDatabase::Build(shared, *map_));
+    CAIRN_ASSIGN_OR_RETURN(auto places, tracking::PlaceIndex::Build(shared, *map_));
     places_.emplace(std::move(places));
     return absl::OkStatus();
   }
@@ -60,7 +60,7 @@ class FeatureMapper::Impl {
   void ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& poses) { trajectory_.ReviseDirectPoses(poses); }
 
   const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
-  const tracking::PlaceDatabase* places() const { return places_ ? &*places_ : nullptr; }
+  const tracking::PlaceIndex* places() const { return places_ ? &*places_ : nullptr; }
   FeatureState state() const { return state_; }
   const KeyframeTrajectory& trajectory() const { return trajectory_; }
   const std::optional<LensReport>& lens() const { return lens_; }
@@ -122,7 +122,7 @@ class FeatureMapper::Impl {
   const Commit commit_;
   const image::OrbExtractor extractor_;
   const tracking::Relocalizer relocalizer_;
-  std::optional<tracking::PlaceDatabase> places_;
+  std::optional<tracking::PlaceIndex> places_;
   LocalMapper mapper_;
   RelativeScale scale_;
   KeyframeTrajectory trajectory_;

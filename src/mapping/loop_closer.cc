@@ -34,7 +34,7 @@ absl::StatusOr<LoopCloser> LoopCloser::Create(const LoopOptions& options) {
 }
 
 absl::StatusOr<LoopReport> LoopCloser::Process(std::shared_ptr<const map::Snapshot> map,
-                                               const tracking::PlaceDatabase& places, KeyframeId keyframe,
+                                               const tracking::PlaceIndex& places, KeyframeId keyframe,
                                                const Commit& commit) {
   if (places.revision() != map->revision()) {
     return absl::FailedPreconditionError(absl::StrCat("loop closing: the place database is of revision ",

@@ -15,7 +15,7 @@
 #include "mapping/loop_detector.h"
 #include "mapping/loop_options.h"
 #include "mapping/loop_verification.h"
-#include "tracking/place_database.h"
+#include "tracking/place_index.h"
 
 namespace cairn::mapping {
 
@@ -44,7 +44,7 @@ class LoopCloser {
   // To be called for each keyframe inserted, newest last. `places` must be of the revision of `map` (and may be brought
   // to the next one by `commit`); FailedPrecondition if not, NotFound if the map does not have the keyframe. A
   // correction that cannot be solved is not made.
-  absl::StatusOr<LoopReport> Process(std::shared_ptr<const map::Snapshot> map, const tracking::PlaceDatabase& places,
+  absl::StatusOr<LoopReport> Process(std::shared_ptr<const map::Snapshot> map, const tracking::PlaceIndex& places,
                                      KeyframeId keyframe, const Commit& commit);
 
   int loops_closed() const { return loops_closed_; }

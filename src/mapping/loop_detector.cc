@@ -60,7 +60,7 @@ void LoopDetector::Reset() {
   since_loop_ = 0;
 }
 
-std::vector<KeyframeId> LoopDetector::Detect(const map::Snapshot& map, const tracking::PlaceDatabase& places,
+std::vector<KeyframeId> LoopDetector::Detect(const map::Snapshot& map, const tracking::PlaceIndex& places,
                                              KeyframeId keyframe_id) {
   ++since_loop_;
   const map::Keyframe& keyframe = map.keyframe(keyframe_id);

@@ -15,7 +15,7 @@
 #include "geometry/alignment.h"
 #include "map/edit.h"
 #include "mapping/loop_correction.h"
-#include "tracking/place_database.h"
+#include "tracking/place_index.h"
 #include "tracking/testing_world.h"
 
 namespace cairn::mapping::testing {
@@ -48,12 +48,12 @@ class Ring {
     session.camera = camera_;
     session_ = edit.AddSession(session);
     map_ = *map_->Apply(edit.Finish("ring"));
-    places_ = std::make_unique<tracking::PlaceDatabase>(*tracking::PlaceDatabase::Build(vocabulary_, *map_));
+    places_ = std::make_unique<tracking::PlaceIndex>(*tracking::PlaceIndex::Build(vocabulary_, *map_));
     tracks_.resize(world_.points.size());
   }
 
   const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
-  const tracking::PlaceDatabase& places() const { return *places_; }
+  const tracking::PlaceIndex& places() const { return *places_; }
   const place::Vocabulary& vocabulary() const { return *vocabulary_; }
 
   using CommitFunction = std::function<absl::StatusOr<std::shared_ptr<const map::Snapshot>>(map::Delta delta)>;
@@ -196,7 +196,7 @@ class Ring {
   std::vector<double> angles_;  // of the points, round the ring
   std::shared_ptr<const place::Vocabulary> vocabulary_;
   std::shared_ptr<const map::Snapshot> map_;
-  std::unique_ptr<tracking::PlaceDatabase> places_;
+  std::unique_ptr<tracking::PlaceIndex> places_;
   CameraId camera_;
   SessionId session_;
   std::vector<SE3> truth_;  // world_from_camera
