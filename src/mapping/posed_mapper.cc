@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/median.h"
 #include "image/orb_extractor.h"
 #include "mapping/grid_cache.h"
 #include "mapping/local_adjustment.h"
@@ -23,11 +24,13 @@ constexpr double kPoseSigmaPx = 0.5;
 constexpr double kNearestBaselines = 1.0;
 constexpr double kFarthestBaselines = 100.0;
 
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+// The one that given poses belong to: of those aligned to the world the one with most keyframes, or none.
+ComponentId AlignedComponent(const map::Snapshot& map) {
+  ComponentId best;
+  for (const ComponentId id : map.LiveComponents()) {
+    if (map.WorldFrom(id) && (!best || map.NumKeyframes(id) > map.NumKeyframes(best))) best = id;
+  }
+  return best;
 }
 
 }  // namespace
@@ -60,7 +63,8 @@ class PosedMapper::Impl {
         vocabulary_(vocabulary),
         commit_(std::move(commit)),
         extractor_(map_->info().orb) {
-    if (map_->info().world_from_map) map_from_world_ = map_->info().world_from_map->Inverse();
+    component_ = AlignedComponent(*map_);
+    if (component_) map_from_world_ = map_->WorldFrom(component_)->Inverse();
   }
 
   absl::StatusOr<int> Add(const PosedImage& image);
@@ -89,6 +93,7 @@ class PosedMapper::Impl {
   const place::Vocabulary* const vocabulary_;
   const Commit commit_;
   const image::OrbExtractor extractor_;
+  ComponentId component_;  // that the views join; none: one is made
   Sim3 map_from_world_;
   GridCache grids_{512};
   std::vector<View> views_;
@@ -193,6 +198,7 @@ void PosedMapper::Impl::Connect(map::Edit& edit, KeyframeId id, std::span<const 
 }
 
 void PosedMapper::Impl::Insert(map::Edit& edit, std::size_t index) {
+  views_[index].keyframe.component = component_;
   const KeyframeId id = edit.AddKeyframe(views_[index].keyframe);
   view_of_[id] = index;
   ids_.push_back(id);
@@ -231,11 +237,16 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::Finish() {
   if (finished_) return absl::FailedPreconditionError("posed mapper: the map is finished already");
   finished_ = true;
   map::Edit edit(map_);
-  if (map_->keyframes().empty() && !map_->info().world_from_map) {
-    map::MapInfo info = map_->info();
-    info.world_from_map = Sim3();
-    edit.SetInfo(std::move(info));
+  if (!component_) {
+    map::Component component;
+    component.session = session_;
+    component.world_from_component = Sim3();
+    component_ = edit.AddComponent(component);
   }
+  edit.SetSession(session_);
+  map::Session session = edit.session(session_);
+  session.components = {component_};
+  edit.PutSession(session);
   for (std::size_t i = 0; i < views_.size(); ++i) Insert(edit, i);
   if (scene_depth_ == 0.0) {
     return absl::FailedPreconditionError(
@@ -282,7 +293,7 @@ absl::StatusOr<std::unique_ptr<PosedMapper>> PosedMapper::Create(const PosedMapp
     return absl::InvalidArgumentError(
         absl::StrCat("posed mapper: the map has no session ", session.value(), " or no camera ", camera.value()));
   }
-  if (!map->keyframes().empty() && !map->info().world_from_map) {
+  if (!map->keyframes().empty() && !AlignedComponent(*map)) {
     return absl::FailedPreconditionError(
         "posed mapper: the map is not aligned to the world of the poses; align it first (`cairn align`)");
   }

@@ -2,8 +2,8 @@
 // Features are matched between views that overlap, gated by the epipolar lines of the known poses; matches become
 // tracks, tracks become points; bundle adjustment refines the points and, within a prior, the poses.
 //
-// The map frame is the frame of the given poses, so world_from_map becomes the identity (an empty map), or the given
-// poses are moved into the map by the inverse of its world_from_map (a map that is aligned already).
+// The world is the frame of the given poses: in an empty map they make a component whose world_from_component is the
+// identity; otherwise they are moved into the aligned component by the inverse of its own.
 #pragma once
 
 #include <cstdint>
@@ -54,7 +54,7 @@ class PosedMapper {
  public:
   using Commit = std::function<absl::StatusOr<std::shared_ptr<const map::Snapshot>>(map::Delta)>;
 
-  // As FeatureMapper::Create. FailedPrecondition if the map has keyframes but no world_from_map.
+  // As FeatureMapper::Create. FailedPrecondition if the map has keyframes but no aligned component.
   static absl::StatusOr<std::unique_ptr<PosedMapper>> Create(const PosedMapperOptions& options,
                                                              std::shared_ptr<const map::Snapshot> map,
                                                              SessionId session, CameraId camera,

@@ -76,8 +76,9 @@ TEST(PosedMapper, MapsViewsWithGivenPoses) {
   EXPECT_LT(report->rmse_px, 1.2);
   EXPECT_GT(report->median_pose_change, 0.0);
   EXPECT_LT(report->median_pose_change, 0.01);
-  ASSERT_TRUE(run.map->info().world_from_map);
-  EXPECT_EQ(run.map->info().world_from_map->scale(), 1.0);
+  ASSERT_EQ(run.map->LiveComponents().size(), 1u);
+  ASSERT_TRUE(run.map->WorldFrom(run.map->LiveComponents()[0]));
+  EXPECT_EQ(run.map->WorldFrom(run.map->LiveComponents()[0])->scale(), 1.0);
   EXPECT_EQ(run.mapper->Finish().status().code(), absl::StatusCode::kFailedPrecondition);
 }
 

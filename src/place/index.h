@@ -48,8 +48,8 @@ class InvertedIndex {
   InvertedIndex(const InvertedIndex&) = delete;
   InvertedIndex& operator=(const InvertedIndex&) = delete;
 
-  // Gives the number of the entry. InvalidArgument for a word out of range or words not sorted, ResourceExhausted beyond
-  // kMaxEntries. One call at a time; queries may run beside it, and do not see what came after they began.
+  // Gives the number of the entry. InvalidArgument for a word out of range or words not sorted, ResourceExhausted
+  // beyond kMaxEntries. One call at a time; queries may run beside it, and do not see what came after they began.
   absl::StatusOr<std::uint32_t> Add(std::uint32_t id, const BowVector& words);
 
   std::uint32_t num_entries() const { return num_entries_.load(std::memory_order_acquire); }

@@ -1,5 +1,5 @@
-// What a reader needs of one revision of a map: its content, and the index to find places in it. Immutable, shared by any
-// number of threads. The view of the next revision is made from the one before and the change between, at a cost in
+// What a reader needs of one revision of a map: its content, and the index to find places in it. Immutable, shared by
+// any number of threads. The view of the next revision is made from the one before and the change between, at a cost in
 // proportion to the change, whoever makes it: the writer that publishes it, or a reader that follows a file.
 #pragma once
 

@@ -43,7 +43,7 @@ struct ProjectionOptions {
   double max_ratio = 0.9;      // best against second best of the same octave; 1: no such test
   double max_viewing_angle_deg = 60;  // between the ray and the mean direction the point was seen from
   double distance_slack = 1.25;       // beyond the distances in which the camera finds the point (map/viewing.h)
-  int octave_slack = 1;  // features of octaves that differ by more from the predicted one are left out
+  int octave_slack = 1;               // features of octaves that differ by more from the predicted one are left out
 
   absl::Status Validate() const;
 };

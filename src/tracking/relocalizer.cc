@@ -131,9 +131,9 @@ GuidedPoints PointsAround(const Query& query, const RelocalizerOptions& options,
 // One round of guided search and refinement. False if the refinement fails.
 bool GuidedRound(const Query& query, const RelocalizerOptions& options, double radius_factor,
                  const GuidedPoints& around, Estimate* estimate, RelocalizationCounts* counts) {
-  const ProjectionMatches found = MatchByProjection(
-      {query.pinhole, query.features, query.grid}, estimate->camera_from_map, around.points, query.map.info().orb,
-      GuidedProjection(options, radius_factor), {}, &around.descriptors);
+  const ProjectionMatches found =
+      MatchByProjection({query.pinhole, query.features, query.grid}, estimate->camera_from_map, around.points,
+                        query.map.info().orb, GuidedProjection(options, radius_factor), {}, &around.descriptors);
   counts->guided_matches = static_cast<int>(found.matches.size());
   counts->visible = static_cast<int>(found.visible.size());
 

@@ -110,9 +110,8 @@ class Relocalizer {
 
   // A miss is an answer. The same input gives the same answer; may be called by several threads at once.
   // InvalidArgument: bad options or camera. FailedPrecondition: `places` is of another revision than `map`.
-  absl::StatusOr<Relocalization> Relocalize(const map::Snapshot& map, const PlaceIndex& places,
-                                            const Pinhole& pinhole, const image::Features& features,
-                                            const SearchArea& area = {}) const;
+  absl::StatusOr<Relocalization> Relocalize(const map::Snapshot& map, const PlaceIndex& places, const Pinhole& pinhole,
+                                            const image::Features& features, const SearchArea& area = {}) const;
 
  private:
   RelocalizerOptions options_;
