@@ -1,19 +1,20 @@
-#include "io/atomic_file.h"
+#include "base/files.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
-#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
-#include <sstream>
-#include <vector>
+#include <random>
+#include <utility>
 
-namespace cairn::io {
+#include "base/guarded.h"
+
+namespace cairn {
 namespace {
 
 absl::Status SystemError(absl::string_view what, const std::string& path) {
@@ -31,6 +32,9 @@ absl::Status SystemError(absl::string_view what, const std::string& path) {
     case ENOSPC:
     case EDQUOT:
       return absl::ResourceExhaustedError(message);
+    case ENAMETOOLONG:
+    case ELOOP:
+      return absl::InvalidArgumentError(message);
     default:
       return absl::UnavailableError(message);
   }
@@ -38,6 +42,62 @@ absl::Status SystemError(absl::string_view what, const std::string& path) {
 
 absl::Status AlreadyThere(const std::string& path) {
   return absl::AlreadyExistsError(absl::StrCat(path, " exists; allow overwriting or choose another name"));
+}
+
+std::string KindOf(mode_t mode) {
+  if (S_ISREG(mode)) return "";
+  if (S_ISDIR(mode)) return "is a folder";
+  if (S_ISFIFO(mode)) return "is a pipe";
+  if (S_ISSOCK(mode)) return "is a socket";
+  return "is a device";
+}
+
+// Closed at the end of its life.
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  ~Descriptor() { Close(); }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+
+  int get() const { return fd_; }
+  int Close() {
+    const int fd = std::exchange(fd_, -1);
+    return fd < 0 ? 0 : close(fd);
+  }
+
+ private:
+  int fd_;
+};
+
+absl::StatusOr<std::string> ReadAll(const std::string& path, std::uint64_t max_bytes) {
+  // A pipe without a writer would make opening wait for ever.
+  const Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
+  if (file.get() < 0) return SystemError("reading", path);
+  struct stat info = {};
+  if (fstat(file.get(), &info) != 0) return SystemError("reading", path);
+  if (const std::string kind = KindOf(info.st_mode); !kind.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " ", kind, ", not a file"));
+  }
+  const auto too_large = [&](std::uint64_t size) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, " has ", size, " bytes or more; no file of its kind has more than ", max_bytes));
+  };
+  const auto size = static_cast<std::uint64_t>(info.st_size);
+  if (size > max_bytes) return too_large(size);
+  std::string contents;
+  std::size_t filled = 0;
+  for (;;) {  // the size is only a hint: /proc says 0, and files grow
+    contents.resize(std::max<std::size_t>(filled + 4096, static_cast<std::size_t>(size) + 1));
+    const ssize_t got = read(file.get(), contents.data() + filled, contents.size() - filled);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return SystemError("reading", path);
+    filled += static_cast<std::size_t>(got);
+    if (filled > max_bytes) return too_large(filled);
+    if (got == 0) break;
+  }
+  contents.resize(filled);
+  return contents;
 }
 
 absl::Status WriteAll(int file, absl::string_view contents, const std::string& path) {
@@ -51,6 +111,31 @@ absl::Status WriteAll(int file, absl::string_view contents, const std::string& p
   return absl::OkStatus();
 }
 
+// What a chain of symbolic links ends at, whether it exists or not.
+std::string FollowLinks(const std::string& path) {
+  std::filesystem::path at = path;
+  std::error_code error;
+  for (int i = 0; i < 40 && std::filesystem::is_symlink(at, error); ++i) {
+    const std::filesystem::path target = std::filesystem::read_symlink(at, error);
+    if (error) break;
+    at = target.is_absolute() ? target : at.parent_path() / target;
+  }
+  return at.string();
+}
+
+// A new file in the folder of `path`, with the permissions that the process gives to new files. Its name is short, as
+// that of `path` may be as long as a name can be.
+int CreateBeside(const std::string& path, std::string* name) {
+  std::random_device random;
+  for (int attempt = 0; attempt < 100; ++attempt) {
+    const std::string file = absl::StrCat(".cairn-", absl::Hex(random(), absl::kZeroPad8));
+    *name = (std::filesystem::path(path).parent_path() / file).string();
+    const int fd = open(name->c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (fd >= 0 || errno != EEXIST) return fd;
+  }
+  return -1;
+}
+
 absl::Status MoveIntoPlace(const std::string& temporary, const std::string& path, bool overwrite) {
   if (!overwrite) {
     // Refuses atomically where the file system can; else the check at the start has to do.
@@ -62,44 +147,36 @@ absl::Status MoveIntoPlace(const std::string& temporary, const std::string& path
   return absl::OkStatus();
 }
 
-}  // namespace
-
-absl::Status WriteFileAtomically(const std::string& path, absl::string_view contents, bool overwrite) {
-  std::error_code ignored;
-  if (std::filesystem::is_directory(path, ignored)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " is a folder; give a file name"));
+absl::Status Write(const std::string& path, absl::string_view contents, bool overwrite) {
+  if (const std::string kind = WhyNoFile(path); !kind.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " ", kind, "; give a file name"));
   }
+  std::error_code ignored;
   if (!overwrite && std::filesystem::exists(path, ignored)) return AlreadyThere(path);
-  std::string temporary = path + ".XXXXXX";
-  const int file = mkstemp(temporary.data());
-  if (file < 0) return SystemError("writing", path);
-  const mode_t mask = umask(0);
-  umask(mask);
-  absl::Status status = WriteAll(file, contents, path);
-  if (status.ok() && fchmod(file, 0666 & ~mask) != 0) status = SystemError("writing", path);
-  if (close(file) != 0 && status.ok()) status = SystemError("writing", path);
-  if (status.ok()) status = MoveIntoPlace(temporary, path, overwrite);
+  const std::string target = FollowLinks(path);
+  std::string temporary;
+  Descriptor file(CreateBeside(target, &temporary));
+  if (file.get() < 0) return SystemError("writing", path);
+  absl::Status status = WriteAll(file.get(), contents, path);
+  if (file.Close() != 0 && status.ok()) status = SystemError("writing", path);
+  if (status.ok()) status = MoveIntoPlace(temporary, target, overwrite);
   if (!status.ok()) unlink(temporary.c_str());
   return status;
 }
 
-absl::StatusOr<std::string> ReadWholeFile(const std::string& path) {
-  std::error_code error;
-  if (std::filesystem::is_directory(path, error)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " is a folder, not a file"));
-  }
-  constexpr std::uintmax_t kMaxBytes = 1u << 30;
-  const std::uintmax_t size = std::filesystem::file_size(path, error);
-  if (!error && size > kMaxBytes) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " has ", size, " bytes, more than any file of its kind"));
-  }
-  errno = 0;
-  std::ifstream in(path, std::ios::binary);
-  if (!in) return SystemError("reading", path);
-  std::ostringstream contents;
-  contents << in.rdbuf();
-  if (in.bad()) return SystemError("reading", path);
-  return std::move(contents).str();
+}  // namespace
+
+std::string WhyNoFile(const std::string& path) {
+  struct stat info = {};
+  return stat(path.c_str(), &info) == 0 ? KindOf(info.st_mode) : "";
 }
 
-}  // namespace cairn::io
+absl::StatusOr<std::string> ReadWholeFile(const std::string& path, std::uint64_t max_bytes) {
+  return Guarded([&] { return ReadAll(path, max_bytes); });
+}
+
+absl::Status WriteFileAtomically(const std::string& path, absl::string_view contents, bool overwrite) {
+  return Guarded([&] { return Write(path, contents, overwrite); });
+}
+
+}  // namespace cairn
