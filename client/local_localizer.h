@@ -46,6 +46,7 @@ class LocalLocalizer : public api::Localizer {
       : options_(options), relocalizer_(options.relocalizer) {}
 
   absl::Status Load();
+  std::shared_ptr<const image::Undistorter> KnownUndistorter(const Camera& camera);  // null: not known
   absl::StatusOr<std::shared_ptr<const image::Undistorter>> UndistorterFor(const Camera& camera);
   api::LensUse CorrectLens(const image::Undistorter& undistorter, image::Features* features) const;
   void FillPose(const tracking::Relocalization& found, api::LocalizeAnswer* answer) const;

@@ -26,10 +26,7 @@ WindowOptions MakeWindowOptions(const OdometryOptions& options) {
 Odometry::Impl::Timer::~Timer() {
   const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin_).count();
   std::lock_guard lock(impl_->mutex_);
-  ++stage_->calls;
-  stage_->total_ms += ms;
-  stage_->max_ms = std::max(stage_->max_ms, ms);
-  stage_->samples_ms.push_back(static_cast<float>(ms));
+  stage_->samples_ms.Add(static_cast<float>(ms));
 }
 
 Odometry::Impl::Impl(const OdometryOptions& options, const Pinhole& camera)
@@ -78,20 +75,7 @@ absl::Status Odometry::Impl::CheckFrame(const Frame& frame) const {
 
 // Pyramids are large: one that nobody reads any more is used again.
 std::shared_ptr<FrameData> Odometry::Impl::NewFrameData(const Frame& frame) {
-  std::shared_ptr<FrameData> data;
-  {
-    std::lock_guard lock(mutex_);
-    for (const auto& candidate : pool_) {
-      if (candidate.use_count() == 1) {
-        data = candidate;
-        break;
-      }
-    }
-    if (!data) {
-      data = std::make_shared<FrameData>();
-      pool_.push_back(data);
-    }
-  }
+  std::shared_ptr<FrameData> data = pool_.Take();
   data->frame = frame;
   const Timer timer(this, &statistics_.pyramid);
   data->pyramid.Build(frame, geometry_);

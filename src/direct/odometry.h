@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/sample_reservoir.h"
 #include "base/time.h"
 #include "direct/odometry_options.h"
 #include "direct/packet.h"
@@ -23,12 +24,9 @@
 
 namespace cairn::direct {
 
-// Where the time went, in milliseconds over all calls, and how often.
+// Where the time went: a sample per call, in milliseconds.
 struct StageTime {
-  std::int64_t calls = 0;
-  double total_ms = 0.0;
-  double max_ms = 0.0;
-  std::vector<float> samples_ms;  // one per call, for percentiles
+  SampleReservoir samples_ms;
 };
 
 struct OdometryStatistics {

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "base/object_pool.h"
 #include "direct/alignment_check.h"
 #include "direct/coarse_tracker.h"
 #include "direct/cover_mask.h"
@@ -188,7 +189,7 @@ class Odometry::Impl {
   std::deque<KeyframePacket> packets_;
   OdometryStatistics statistics_;
   std::string start_message_ = "waiting for the first frame";
-  std::vector<std::shared_ptr<FrameData>> pool_;
+  ObjectPool<FrameData> pool_;
   bool finished_ = false;
 
   // Tracking; whoever tracks holds track_mutex_.

@@ -60,7 +60,7 @@ void Odometry::Impl::AdoptStart(const StartResult& start) {
   mode_ = Mode::kTracking;
   start_doubted_ = true;
   // The start needed many pyramids at once, tracking needs few.
-  std::erase_if(pool_, [](const std::shared_ptr<FrameData>& data) { return data.use_count() == 1; });
+  pool_.Trim();
   start_message_.clear();
   ++statistics_.segments;
 }

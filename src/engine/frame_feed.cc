@@ -3,6 +3,8 @@
 #include <cmath>
 #include <utility>
 
+#include "base/guarded.h"
+
 namespace cairn::engine {
 
 absl::Status FrameFeedOptions::Validate() const {
@@ -16,7 +18,14 @@ absl::Status FrameFeedOptions::Validate() const {
 
 FrameFeed::FrameFeed(const FrameFeedOptions& options, const FramePreparation& preparation, Read read)
     : options_(options), preparation_(preparation), read_(std::move(read)) {
-  if (options_.in_background || options_.realtime_speed > 0.0) thread_ = std::thread([this] { Work(); });
+  if (!options_.in_background && options_.realtime_speed == 0.0) return;
+  absl::StatusOr<std::thread> thread = StartThread(
+      "reading frames", [this] { Work(); }, [this](const absl::Status& status) { End(status); });
+  if (thread.ok()) {
+    thread_ = *std::move(thread);
+  } else {
+    End(thread.status());
+  }
 }
 
 FrameFeed::~FrameFeed() {
@@ -35,12 +44,22 @@ std::int64_t FrameFeed::dropped() const {
   return dropped_;
 }
 
+std::int64_t FrameFeed::refused() const {
+  std::lock_guard lock(mutex_);
+  return refused_;
+}
+
+absl::Status FrameFeed::first_refusal() const {
+  std::lock_guard lock(mutex_);
+  return first_refusal_;
+}
+
 absl::StatusOr<std::optional<FedFrame>> FrameFeed::Next() {
   std::unique_lock lock(mutex_);
-  if (!thread_.joinable()) {
+  if (!thread_.joinable() && !ended_) {
     if (stopped_) return std::optional<FedFrame>();
     lock.unlock();
-    return Fetch();
+    return Guarded([&] { return Fetch(); });
   }
   changed_.wait(lock, [&] { return stopped_ || ended_ || !waiting_.empty(); });
   if (stopped_) return std::optional<FedFrame>();
@@ -54,8 +73,20 @@ absl::StatusOr<std::optional<FedFrame>> FrameFeed::Next() {
   return fed;
 }
 
+absl::StatusOr<std::optional<RawFrame>> FrameFeed::ReadInOrder() {
+  for (;;) {
+    CAIRN_ASSIGN_OR_RETURN(std::optional<RawFrame> raw, read_());
+    if (!raw) return raw;
+    const absl::Status refusal = times_.Accept(raw->time_ns);
+    if (refusal.ok()) return raw;
+    std::lock_guard lock(mutex_);
+    if (stopped_) return std::optional<RawFrame>();
+    if (refused_++ == 0) first_refusal_ = Annotate(refusal, absl::StrCat("frame ", raw->index));
+  }
+}
+
 absl::StatusOr<std::optional<FedFrame>> FrameFeed::Fetch() {
-  CAIRN_ASSIGN_OR_RETURN(const std::optional<RawFrame> raw, read_());
+  CAIRN_ASSIGN_OR_RETURN(const std::optional<RawFrame> raw, ReadInOrder());
   if (!raw) return std::optional<FedFrame>();
   if (options_.realtime_speed > 0.0) WaitUntilDue(raw->time_ns);
   const Clock::time_point start = Clock::now();
@@ -76,16 +107,22 @@ void FrameFeed::WaitUntilDue(TimeNs time_ns) {
   changed_.wait_until(lock, due, [&] { return stopped_; });
 }
 
+// What waits still comes, then the error, if it is one.
+void FrameFeed::End(const absl::Status& status) {
+  std::lock_guard lock(mutex_);
+  status_ = status;
+  ended_ = true;
+  changed_.notify_all();
+}
+
 void FrameFeed::Work() {
   for (;;) {
     absl::StatusOr<std::optional<FedFrame>> fed = Fetch();
     std::unique_lock lock(mutex_);
     if (stopped_) return;
     if (!fed.ok() || !fed->has_value()) {
-      status_ = fed.status();
-      ended_ = true;
-      changed_.notify_all();
-      return;
+      lock.unlock();
+      return End(fed.status());
     }
     if (options_.realtime_speed > 0.0) {
       dropped_ += static_cast<std::int64_t>(waiting_.size());

@@ -14,6 +14,7 @@
 #include <optional>
 #include <thread>
 
+#include "base/frame_times.h"
 #include "base/status.h"
 #include "engine/frame_preparation.h"
 
@@ -40,26 +41,34 @@ class FrameFeed {
   // The next image of the recording, in temporal order; nothing at its end. Called by one thread at a time.
   using Read = std::function<absl::StatusOr<std::optional<RawFrame>>()>;
 
-  // `options` must be valid; `preparation` and what `read` uses must outlive the feed.
+  // `options` must be valid; `preparation` and what `read` uses must outlive the feed. If no thread can be started, the
+  // first Next() says so.
   FrameFeed(const FrameFeedOptions& options, const FramePreparation& preparation, Read read);
   ~FrameFeed();
   FrameFeed(const FrameFeed&) = delete;
   FrameFeed& operator=(const FrameFeed&) = delete;
 
-  // Waits for a frame; nothing at the end of the recording, or after Stop(). Errors of reading and preparing end it.
+  // Waits for a frame; nothing at the end of the recording, or after Stop(). Errors of reading and preparing end it,
+  // after the frames before them, and so does what `read` throws.
   absl::StatusOr<std::optional<FedFrame>> Next();
   // The recording ends here. From any thread.
   void Stop();
 
   // Frames that arrived and were replaced by a later one before they were taken.
   std::int64_t dropped() const;
+  // Frames left out because their time does not follow that of the frame before (base/frame_times.h), and what was
+  // wrong with the first of them.
+  std::int64_t refused() const;
+  absl::Status first_refusal() const;
 
  private:
   using Clock = std::chrono::steady_clock;
 
   // Reads and prepares one frame; nothing at the end.
   absl::StatusOr<std::optional<FedFrame>> Fetch();
+  absl::StatusOr<std::optional<RawFrame>> ReadInOrder();
   void Work();
+  void End(const absl::Status& status);
   void WaitUntilDue(TimeNs time_ns);  // mutex_ not held
 
   const FrameFeedOptions options_;
@@ -69,6 +78,7 @@ class FrameFeed {
   // Of the thread that reads.
   std::optional<Clock::time_point> begin_;  // when the first frame was due
   TimeNs first_ns_ = 0;
+  FrameTimes times_;
 
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
@@ -77,6 +87,8 @@ class FrameFeed {
   bool ended_ = false;    // no more will come
   bool stopped_ = false;  // no more is wanted
   std::int64_t dropped_ = 0;
+  std::int64_t refused_ = 0;
+  absl::Status first_refusal_;
   std::thread thread_;
 };
 

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <functional>
 #include <future>
+#include <new>
 #include <vector>
 
 namespace cairn::engine {
@@ -156,6 +157,45 @@ TEST(FrameFeed, ErrorsOfReadingAndOfImagesArriveAfterTheFramesBeforeThem) {
       const absl::Status status = feed.Next().status();
       EXPECT_THAT(std::string(status.message()), HasSubstr(bad_image ? "10x10" : "the disk broke"));
     }
+  }
+}
+
+TEST(FrameFeed, WhatALibraryThrowsEndsTheStreamInOrder) {
+  const FramePreparation preparation = MakePreparation();
+  for (const bool in_background : {false, true}) {
+    FrameFeedOptions options;
+    options.in_background = in_background;
+    FrameFeed feed(options, preparation,
+                   [recording = Recording(5), count = 0]() mutable -> absl::StatusOr<std::optional<RawFrame>> {
+                     if (++count < 3) return recording();
+                     throw std::bad_alloc();
+                   });
+    EXPECT_TRUE(feed.Next()->has_value());
+    EXPECT_TRUE(feed.Next()->has_value());
+    const absl::Status status = feed.Next().status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+    EXPECT_THAT(std::string(status.message()), HasSubstr("out of memory"));
+  }
+}
+
+TEST(FrameFeed, FramesWhoseTimeDoesNotFollowAreLeftOutAndCounted) {
+  const FramePreparation preparation = MakePreparation();
+  for (const bool in_background : {false, true}) {
+    FrameFeedOptions options;
+    options.in_background = in_background;
+    FrameFeed feed(options, preparation, [recording = Recording(8)]() mutable {
+      auto frame = recording();
+      if (frame.ok() && frame->has_value()) {
+        RawFrame& raw = **frame;
+        if (raw.index == 3) raw.time_ns = 1002;                       // as the one before
+        if (raw.index == 4) raw.time_ns = 5;                          // back
+        if (raw.index == 5) raw.time_ns = 9'000'000'000'000'000'000;  // as from a broken clock
+      }
+      return frame;
+    });
+    EXPECT_EQ(TakeAll(feed), (std::vector<std::int64_t>{0, 1, 2, 6, 7}));
+    EXPECT_EQ(feed.refused(), 3);
+    EXPECT_THAT(std::string(feed.first_refusal().message()), HasSubstr("frame 3"));
   }
 }
 

@@ -2,9 +2,18 @@
 
 #include <utility>
 
+#include "base/guarded.h"
 #include "map/edit.h"
 
 namespace cairn::engine {
+namespace {
+
+void Remember(const LoopRunner::Span& span, std::deque<LoopRunner::Span>* spans) {
+  spans->push_back(span);
+  if (spans->size() > LoopRunner::kRecentSpans) spans->pop_front();
+}
+
+}  // namespace
 
 absl::StatusOr<std::unique_ptr<LoopRunner>> LoopRunner::Create(const mapping::LoopOptions& options,
                                                                bool in_background) {
@@ -30,12 +39,13 @@ absl::Status LoopRunner::AfterPacket(const mapping::KeyframeReport& packet, mapp
   const auto begin = std::chrono::steady_clock::now();
   CAIRN_ASSIGN_OR_RETURN(mapping::LoopReport report,
                          closer_.Process(mapper->map(), *mapper->places(), packet.keyframe, commit));
-  search_ms_.push_back(static_cast<float>(report.detect_ms + report.verify_ms));
+  search_ms_.Add(static_cast<float>(report.detect_ms + report.verify_ms));
   if (report.candidates > 0 && !report.closed) ++rejected_[report.evidence.rejected];
   if (!report.closed) return absl::OkStatus();
   const std::chrono::duration<double, std::milli> searched(report.detect_ms + report.verify_ms);
-  corrections_.push_back({begin + std::chrono::duration_cast<std::chrono::steady_clock::duration>(searched),
-                          std::chrono::steady_clock::now()});
+  Remember({begin + std::chrono::duration_cast<std::chrono::steady_clock::duration>(searched),
+            std::chrono::steady_clock::now()},
+           &corrections_);
   loops_.push_back(std::move(report));
   return StartAdjustment(mapper);
 }
@@ -48,20 +58,29 @@ absl::Status LoopRunner::StartAdjustment(mapping::FeatureMapper* mapper) {
   stop_ = false;
   done_ = false;
   adjustment_.reset();
-  adjustments_.push_back({std::chrono::steady_clock::now(), std::chrono::steady_clock::time_point::max()});
+  Remember({std::chrono::steady_clock::now(), std::chrono::steady_clock::time_point::max()}, &adjustments_);
   if (in_background_) {
-    thread_ = std::thread([this, map = mapper->map()] { Compute(map); });
-    return absl::OkStatus();
+    absl::StatusOr<std::thread> thread = StartThread(
+        "adjustment of the map", [this, map = mapper->map()] { Compute(map); },
+        [this](const absl::Status& status) { Done(status); });
+    if (thread.ok()) {
+      thread_ = *std::move(thread);
+      return absl::OkStatus();
+    }
   }
   Compute(mapper->map());
   return MergeIfDone(mapper);
 }
 
+void LoopRunner::Done(absl::StatusOr<mapping::FullAdjustment> adjustment) {
+  adjustment_ = std::move(adjustment);
+  done_ = true;
+}
+
 void LoopRunner::Compute(std::shared_ptr<const map::Snapshot> map) {
   mapping::FullAdjustmentOptions options;
   options.stop = &stop_;
-  adjustment_ = mapping::ComputeFullAdjustment(*map, options);
-  done_ = true;
+  Done(Guarded([&] { return mapping::ComputeFullAdjustment(*map, options); }));
 }
 
 absl::Status LoopRunner::MergeIfDone(mapping::FeatureMapper* mapper) {

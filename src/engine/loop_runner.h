@@ -6,6 +6,8 @@
 
 #include <atomic>
 #include <chrono>
+#include <cstddef>
+#include <deque>
 #include <map>
 #include <memory>
 #include <optional>
@@ -13,6 +15,7 @@
 #include <thread>
 #include <vector>
 
+#include "base/sample_reservoir.h"
 #include "base/status.h"
 #include "mapping/feature_mapper.h"
 #include "mapping/full_adjustment.h"
@@ -36,15 +39,17 @@ class LoopRunner {
   struct Span {
     std::chrono::steady_clock::time_point begin, end;
   };
-  const std::vector<Span>& corrections() const { return corrections_; }
-  const std::vector<Span>& adjustments() const { return adjustments_; }
+  // The last of them, kRecentSpans at most.
+  static constexpr std::size_t kRecentSpans = 1024;
+  const std::deque<Span>& corrections() const { return corrections_; }
+  const std::deque<Span>& adjustments() const { return adjustments_; }
 
   // Loops closed, in order.
   const std::vector<mapping::LoopReport>& loops() const { return loops_; }
   // Candidates that were no loops, by the reason.
   const std::map<std::string, int>& rejected() const { return rejected_; }
-  // Time of every search, in milliseconds.
-  const std::vector<float>& search_ms() const { return search_ms_; }
+  // Time of the searches, in milliseconds.
+  const SampleReservoir& search_ms() const { return search_ms_; }
 
  private:
   LoopRunner(mapping::LoopCloser closer, bool in_background)
@@ -52,6 +57,7 @@ class LoopRunner {
 
   absl::Status StartAdjustment(mapping::FeatureMapper* mapper);
   void Compute(std::shared_ptr<const map::Snapshot> map);
+  void Done(absl::StatusOr<mapping::FullAdjustment> adjustment);
   absl::Status MergeIfDone(mapping::FeatureMapper* mapper);
   void Join();
 
@@ -59,9 +65,9 @@ class LoopRunner {
   const bool in_background_;
   std::vector<mapping::LoopReport> loops_;
   std::map<std::string, int> rejected_;
-  std::vector<float> search_ms_;
-  std::vector<Span> corrections_;
-  std::vector<Span> adjustments_;
+  SampleReservoir search_ms_;
+  std::deque<Span> corrections_;
+  std::deque<Span> adjustments_;
 
   std::thread thread_;
   std::atomic<bool> stop_ = false;

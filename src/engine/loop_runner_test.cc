@@ -67,7 +67,7 @@ TEST(LoopRunner, AdjustsBesideTheMappingAndMergesWhatCameMeanwhile) {
   EXPECT_TRUE(run.ring_.map()->CheckConsistency().ok()) << run.ring_.map()->CheckConsistency();
   EXPECT_EQ(run.mapper_->map()->revision(), run.ring_.map()->revision());
   EXPECT_EQ(run.ring_.map()->sessions().at(SessionId(1)).loops.size(), 1u);
-  EXPECT_GE(run.runner_->search_ms().size(), run.ring_.map()->keyframes().size());
+  EXPECT_GE(run.runner_->search_ms().count(), static_cast<std::int64_t>(run.ring_.map()->keyframes().size()));
 }
 
 TEST(LoopRunner, WithoutAThreadEverythingIsDoneAtOnce) {

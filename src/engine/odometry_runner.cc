@@ -3,6 +3,8 @@
 #include <chrono>
 #include <utility>
 
+#include "base/guarded.h"
+
 namespace cairn::engine {
 
 absl::Status OdometryRunnerOptions::Validate() const {
@@ -17,44 +19,73 @@ absl::StatusOr<std::unique_ptr<OdometryRunner>> OdometryRunner::Create(const Odo
   CAIRN_RETURN_IF_ERROR(options.Validate());
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<direct::Odometry> odometry,
                          direct::Odometry::Create(options.odometry, camera));
-  return std::unique_ptr<OdometryRunner>(new OdometryRunner(options, std::move(odometry), std::move(after_mapping)));
+  std::unique_ptr<OdometryRunner> runner(new OdometryRunner(options, std::move(odometry), std::move(after_mapping)));
+  if (options.in_background) {
+    OdometryRunner* const self = runner.get();
+    CAIRN_ASSIGN_OR_RETURN(runner->thread_, StartThread(
+                                                "mapping of the odometry", [self] { self->MapInBackground(); },
+                                                [self](const absl::Status& status) { self->EndWith(status); }));
+  }
+  return runner;
 }
 
 OdometryRunner::OdometryRunner(const OdometryRunnerOptions& options, std::unique_ptr<direct::Odometry> odometry,
                                AfterMapping after_mapping)
-    : options_(options), odometry_(std::move(odometry)), after_mapping_(std::move(after_mapping)) {
-  if (options_.in_background) thread_ = std::thread([this] { MapInBackground(); });
-}
+    : options_(options), odometry_(std::move(odometry)), after_mapping_(std::move(after_mapping)) {}
 
 OdometryRunner::~OdometryRunner() { StopThread(/*drain=*/false).IgnoreError(); }
 
 absl::StatusOr<direct::FrameResult> OdometryRunner::AddFrame(const direct::Frame& frame) {
   const auto start = std::chrono::steady_clock::now();
-  direct::FrameResult result;
-  if (options_.in_background) {
-    {
-      std::unique_lock lock(mutex_);
-      room_.wait(lock, [&] {
-        return !status_.ok() || (odometry_->PendingFrames() < options_.max_pending && !odometry_->AwaitsKeyframe());
-      });
-      CAIRN_RETURN_IF_ERROR(status_);
-    }
-    CAIRN_ASSIGN_OR_RETURN(result, odometry_->Track(frame));
-    // Under the lock, so that the thread is either waiting or has not looked yet.
-    std::lock_guard lock(mutex_);
-    work_.notify_one();
-  } else {
-    CAIRN_RETURN_IF_ERROR(status_);
-    CAIRN_ASSIGN_OR_RETURN(result, odometry_->Process(frame));
+  FrameTimes times = times_;
+  if (const absl::Status in_order = times.Accept(frame.time_ns); !in_order.ok()) {
+    times_ = times;  // remembers what it doubts
+    return Annotate(in_order, absl::StrCat("frame ", frame.index));
   }
-  frame_begins_.push_back(start);
-  frame_ms_.push_back(std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count());
-  if (result.state == direct::TrackingState::kInitializing && !result.message.empty()) waiting_for_ = result.message;
+  absl::StatusOr<direct::FrameResult> result = Guarded([&] { return Process(frame); });
+  if (!result.ok()) {
+    // Nothing is known of an odometry that a library left in the middle.
+    const absl::Status& status = result.status();
+    if (!absl::IsInvalidArgument(status) && !absl::IsFailedPrecondition(status)) EndWith(status);
+    return result;
+  }
+  times_ = times;
+  recent_frames_.push_back(
+      {start, std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count()});
+  if (recent_frames_.size() > kRecentFrames) recent_frames_.pop_front();
+  frame_ms_.Add(recent_frames_.back().ms);
+  if (result->state == direct::TrackingState::kInitializing && !result->message.empty()) waiting_for_ = result->message;
   if (!options_.in_background) {
-    status_ = after_mapping_(*odometry_);
+    status_ = Guarded([&] { return after_mapping_(*odometry_); });
     CAIRN_RETURN_IF_ERROR(status_);
   }
   return result;
+}
+
+absl::StatusOr<direct::FrameResult> OdometryRunner::Process(const direct::Frame& frame) {
+  if (!options_.in_background) {
+    CAIRN_RETURN_IF_ERROR(status_);
+    return odometry_->Process(frame);
+  }
+  {
+    std::unique_lock lock(mutex_);
+    room_.wait(lock, [&] {
+      return !status_.ok() || (odometry_->PendingFrames() < options_.max_pending && !odometry_->AwaitsKeyframe());
+    });
+    CAIRN_RETURN_IF_ERROR(status_);
+  }
+  CAIRN_ASSIGN_OR_RETURN(direct::FrameResult result, odometry_->Track(frame));
+  // Under the lock, so that the thread is either waiting or has not looked yet.
+  std::lock_guard lock(mutex_);
+  work_.notify_one();
+  return result;
+}
+
+// Nothing is mapped any more, and whoever waits for it is told. The first error stays.
+void OdometryRunner::EndWith(const absl::Status& status) {
+  std::lock_guard lock(mutex_);
+  status_.Update(status);
+  room_.notify_one();
 }
 
 absl::Status OdometryRunner::GoOnFrom(direct::KnownView view) {
@@ -95,11 +126,14 @@ absl::Status OdometryRunner::StopThread(bool drain) {
 
 absl::Status OdometryRunner::Finish() {
   CAIRN_RETURN_IF_ERROR(StopThread(/*drain=*/true));
-  odometry_->Finish();
+  CAIRN_RETURN_IF_ERROR(Guarded([&] {
+    odometry_->Finish();
+    return absl::OkStatus();
+  }));
   // The live answers were behind what mapping has found out since.
   const std::vector<direct::FrameResult> results = odometry_->FrameResults();
   if (!results.empty() && !results.back().message.empty()) waiting_for_ = results.back().message;
-  status_ = after_mapping_(*odometry_);
+  status_ = Guarded([&] { return after_mapping_(*odometry_); });
   return status_;
 }
 

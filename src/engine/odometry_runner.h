@@ -8,13 +8,16 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <cstddef>
+#include <deque>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <thread>
-#include <vector>
 
+#include "base/frame_times.h"
+#include "base/sample_reservoir.h"
 #include "base/status.h"
 #include "direct/odometry.h"
 
@@ -42,7 +45,8 @@ class OdometryRunner {
   OdometryRunner& operator=(const OdometryRunner&) = delete;
 
   // The live answer; single-threaded, the best known after mapping. InvalidArgument for a frame that the odometry
-  // refuses: nothing has changed then. The error of `after_mapping`, once there was one.
+  // refuses, or whose time does not follow (base/frame_times.h): nothing has changed then. The error of
+  // `after_mapping`, or of a library in the thread that maps, once there was one.
   absl::StatusOr<direct::FrameResult> AddFrame(const direct::Frame& frame);
 
   // Tells a lost odometry of a view that is known (direct/odometry.h), from any thread; it goes on there with the next
@@ -55,23 +59,31 @@ class OdometryRunner {
   const direct::Odometry& odometry() const { return *odometry_; }
   // What the odometry last waited for, if it did not start yet.
   const std::string& waiting_for() const { return waiting_for_; }
-  // Time of each call of AddFrame(), waiting included, `after_mapping` not.
-  const std::vector<float>& frame_ms() const { return frame_ms_; }
-  // When each of these calls began.
-  const std::vector<std::chrono::steady_clock::time_point>& frame_begins() const { return frame_begins_; }
+  // Time of the calls of AddFrame(), waiting included, `after_mapping` not.
+  const SampleReservoir& frame_ms() const { return frame_ms_; }
+  // The last of these calls, kRecentFrames at most: when each began, and its time.
+  struct TimedFrame {
+    std::chrono::steady_clock::time_point begin;
+    float ms = 0.0f;
+  };
+  static constexpr std::size_t kRecentFrames = 65536;
+  const std::deque<TimedFrame>& recent_frames() const { return recent_frames_; }
 
  private:
   OdometryRunner(const OdometryRunnerOptions& options, std::unique_ptr<direct::Odometry> odometry,
                  AfterMapping after_mapping);
+  absl::StatusOr<direct::FrameResult> Process(const direct::Frame& frame);
   void MapInBackground();
+  void EndWith(const absl::Status& status);
   absl::Status StopThread(bool drain);
 
   const OdometryRunnerOptions options_;
   const std::unique_ptr<direct::Odometry> odometry_;
   const AfterMapping after_mapping_;
   std::string waiting_for_;
-  std::vector<float> frame_ms_;
-  std::vector<std::chrono::steady_clock::time_point> frame_begins_;
+  FrameTimes times_;
+  SampleReservoir frame_ms_;
+  std::deque<TimedFrame> recent_frames_;
 
   std::mutex mutex_;  // guards what follows
   std::condition_variable work_;

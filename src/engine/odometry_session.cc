@@ -33,6 +33,10 @@ absl::StatusOr<direct::FrameResult> OdometrySession::AddFrame(const RawFrame& ra
 
 absl::StatusOr<OdometryReport> OdometrySession::Finish() {
   CAIRN_RETURN_IF_ERROR(runner_->Finish());
+  return Report();
+}
+
+absl::StatusOr<OdometryReport> OdometrySession::Report() const {
   const direct::Odometry& odometry = runner_->odometry();
   OdometryReport report;
   report.odometry = odometry.Statistics();

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "base/sample_reservoir.h"
 #include "base/status.h"
 #include "base/time.h"
 #include "direct/odometry.h"
@@ -42,7 +43,7 @@ struct OdometryReport {
   std::int64_t longest_segment_frames = 0;
   std::vector<DirectFramePose> frame_poses;
   std::vector<direct::KeyframePose> keyframe_poses;
-  std::vector<float> frame_ms;  // per call of AddFrame
+  SampleReservoir frame_ms;  // per call of AddFrame
   direct::OdometryStatistics odometry;
 };
 
@@ -60,6 +61,8 @@ class OdometrySession {
 
   // Ends the stream. FailedPrecondition, saying what the odometry waited for, if it never started.
   absl::StatusOr<OdometryReport> Finish();
+  // What is known after Finish(), though it may have returned an error.
+  absl::StatusOr<OdometryReport> Report() const;
 
  private:
   OdometrySession(FramePreparation preparation, std::unique_ptr<OdometryRunner> runner)

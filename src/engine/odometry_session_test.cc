@@ -38,7 +38,7 @@ TEST(OdometrySession, ThreadsTrackEveryFrame) {
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_EQ(report->frames_tracked, 40);
   EXPECT_EQ(report->longest_segment_frames, 40);
-  EXPECT_EQ(report->frame_ms.size(), 40u);
+  EXPECT_EQ(report->frame_ms.count(), 40);
   // Distances from the first frame against the truth, whose scale is another.
   const auto way = [](const SE3& first, const SE3& at) { return (at.translation() - first.translation()).norm(); };
   const auto estimated = [&](std::size_t i) {

@@ -19,10 +19,10 @@ namespace {
 // Searches for a lost camera come this share of the time since the loss apart.
 constexpr double kSeekEvery = 0.1;
 
-std::vector<float> LengthsMs(const std::vector<LoopRunner::Span>& spans) {
-  std::vector<float> ms;
+SampleReservoir LengthsMs(const std::deque<LoopRunner::Span>& spans) {
+  SampleReservoir ms;
   for (const LoopRunner::Span& span : spans) {
-    ms.push_back(std::chrono::duration<float, std::milli>(span.end - span.begin).count());
+    ms.Add(std::chrono::duration<float, std::milli>(span.end - span.begin).count());
   }
   return ms;
 }
@@ -174,7 +174,7 @@ class Session::Impl {
   // A keyframe, and the frames kept between it and the next.
   absl::Status Map(const direct::KeyframePacket& packet) {
     CAIRN_ASSIGN_OR_RETURN(const mapping::KeyframeReport report, mapper_->Process(packet));
-    keyframe_ms_.push_back(static_cast<float>(report.times.total_ms));
+    keyframe_ms_.Add(static_cast<float>(report.times.total_ms));
     keyframe_reports_.push_back(report);
     const bool lost = report.state == mapping::FeatureState::kLost;
     if (lost && !feature_lost_) ++feature_losses_;
@@ -265,17 +265,16 @@ class Session::Impl {
     return parts;
   }
 
-  std::vector<float> FramesWhileCorrecting() const {
-    std::vector<float> during;
-    const auto& begins = runner_->frame_begins();
-    for (std::size_t i = 0; i < begins.size(); ++i) {
-      const std::chrono::duration<double, std::milli> lasted(runner_->frame_ms()[i]);
+  SampleReservoir FramesWhileCorrecting() const {
+    SampleReservoir during;
+    for (const OdometryRunner::TimedFrame& frame : runner_->recent_frames()) {
+      const std::chrono::duration<double, std::milli> lasted(frame.ms);
       const auto overlaps = [&](const LoopRunner::Span& span) {
-        return begins[i] < span.end && begins[i] + lasted > span.begin;
+        return frame.begin < span.end && frame.begin + lasted > span.begin;
       };
       if (std::any_of(loops_->corrections().begin(), loops_->corrections().end(), overlaps) ||
           std::any_of(loops_->adjustments().begin(), loops_->adjustments().end(), overlaps)) {
-        during.push_back(runner_->frame_ms()[i]);
+        during.Add(frame.ms);
       }
     }
     return during;
@@ -301,7 +300,7 @@ class Session::Impl {
   std::unique_ptr<LoopRunner> loops_;  // null: loops are not closed
   mapping::CollinearityCounter collinearity_;
   map::ReportedTrajectory trajectory_;  // at the end
-  std::vector<float> keyframe_ms_;
+  SampleReservoir keyframe_ms_;
   std::vector<mapping::KeyframeReport> keyframe_reports_;
   std::int64_t feature_losses_ = 0;
   bool feature_lost_ = false;

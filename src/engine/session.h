@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "base/sample_reservoir.h"
 #include "base/status.h"
 #include "base/time.h"
 #include "direct/odometry.h"
@@ -66,12 +67,12 @@ struct SessionReport {
   std::int64_t feature_losses = 0;            // times the feature module lost the map
   std::vector<mapping::LoopReport> loops;     // closed, in order
   std::map<std::string, int> loops_rejected;  // searches that ended with a candidate that is no loop, by the reason
-  std::vector<float> loop_search_ms;          // per keyframe inserted
-  std::vector<float> correction_ms;           // per loop: pose graph and commit
-  std::vector<float> adjustment_ms;           // per loop: the bundle adjustment of the map beside the mapping
-  std::vector<float> frame_ms;                // per call of AddFrame
-  std::vector<float> frame_ms_correcting;     // of these the ones while a loop was corrected or the map adjusted
-  std::vector<float> keyframe_ms;             // per packet through the feature module
+  SampleReservoir loop_search_ms;             // per keyframe inserted
+  SampleReservoir correction_ms;              // per loop: pose graph and commit
+  SampleReservoir adjustment_ms;              // per loop: the bundle adjustment of the map beside the mapping
+  SampleReservoir frame_ms;                   // per call of AddFrame
+  SampleReservoir frame_ms_correcting;  // of the last 65536 the ones while a loop was corrected or the map adjusted
+  SampleReservoir keyframe_ms;          // per packet through the feature module
   std::vector<mapping::KeyframeReport> keyframe_reports;  // what became of each of them
   direct::OdometryStatistics odometry;
   std::optional<mapping::LensReport> lens;  // what the map says of the camera's lens

@@ -72,7 +72,7 @@ TEST(Session, ThreadedRunsTrackEveryFrameAndMakeTheMap) {
     ASSERT_TRUE(report.ok()) << report.status();
     EXPECT_EQ(report->frames_tracked, 40);
     EXPECT_GE(report->keyframes, 2);
-    EXPECT_EQ(report->frame_ms.size(), 40u);
+    EXPECT_EQ(report->frame_ms.count(), 40);
     EXPECT_TRUE(writer->Current()->CheckConsistency().ok());
     ASSERT_TRUE(writer->Close().ok());
     const auto file = MapWriter::Open(writer->path());

@@ -22,6 +22,8 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr double kConvergence = 1e-10;  // of the unit image plane
 constexpr int kMaxIterations = 50;
 constexpr int kMaxSizePx = 32767;  // OpenCV's fixed-point maps hold 16 bits
+// Larger than any sensor that is mapped with; an undistortion map takes 6 bytes per pixel (docs/input.md).
+constexpr std::int64_t kMaxPixels = 100'000'000;
 
 constexpr std::array<std::pair<CameraModel, absl::string_view>, 4> kNames = {{
     {CameraModel::kPinhole, "pinhole"},
@@ -260,6 +262,10 @@ absl::Status Camera::Validate() const {
   if (width_px < 1 || height_px < 1 || width_px > kMaxSizePx || height_px > kMaxSizePx) {
     return absl::InvalidArgumentError(
         absl::StrCat("image size ", width_px, "x", height_px, " px is not within 1 to ", kMaxSizePx, " px"));
+  }
+  if (std::int64_t{width_px} * height_px > kMaxPixels) {
+    return absl::InvalidArgumentError(absl::StrCat("image size ", width_px, "x", height_px, " px is more than the ",
+                                                   kMaxPixels / 1'000'000, " megapixels that are supported"));
   }
   if (!std::isfinite(fx_px) || !std::isfinite(fy_px) || fx_px <= 0.0 || fy_px <= 0.0) {
     return absl::InvalidArgumentError(

@@ -206,5 +206,14 @@ TEST(Camera, KnowsWhetherItBendsRays) {
   EXPECT_TRUE(zeros.IsUndistorted());
 }
 
+TEST(CameraValidate, BoundsTheSizeOfAnImage) {
+  Camera camera{CameraModel::kPinhole, 11648, 8584, 9000.0, 9000.0, 5800.0, 4300.0, {}};  // 100 megapixels, the largest
+  EXPECT_TRUE(camera.Validate().ok()) << camera.Validate();
+  camera.width_px = camera.height_px = 32767;
+  camera.cx_px = camera.cy_px = 16000.0;
+  EXPECT_EQ(camera.Validate().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(camera.Validate().message().find("megapixels"), absl::string_view::npos) << camera.Validate();
+}
+
 }  // namespace
 }  // namespace cairn

@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/cpu_features.h"
+#include "base/guarded.h"
 #include "image/undistort_kernel.h"
 
 namespace cairn::image {
@@ -123,17 +124,28 @@ absl::StatusOr<Undistorter> Undistorter::Create(const Camera& camera, const Undi
   } else {
     CAIRN_ASSIGN_OR_RETURN(out.pinhole_, ChooseView(camera, options.max_half_angle_deg));
   }
-  cv::Mat map_x(out.pinhole_.height_px, out.pinhole_.width_px, CV_32FC1), map_y(map_x.size(), CV_32FC1);
-  for (int y = 0; y < map_x.rows; ++y) {
-    for (int x = 0; x < map_x.cols; ++x) {
-      const std::optional<Vector2d> raw = out.RawFromPinhole(Vector2d(x, y));
-      const bool inside = raw && camera.Contains(*raw, -1.0);
-      map_x.at<float>(y, x) = inside ? static_cast<float>(raw->x()) : -2.0f;  // outside: black
-      map_y.at<float>(y, x) = inside ? static_cast<float>(raw->y()) : -2.0f;
+  return Guarded([&]() -> absl::StatusOr<Undistorter> {
+    out.MakeMaps();
+    return out;
+  });
+}
+
+// Row by row: the maps of large images take hundreds of megabytes, and need not be there in two forms.
+void Undistorter::MakeMaps() {
+  const int width = pinhole_.width_px, height = pinhole_.height_px;
+  map_xy_.create(height, width, CV_16SC2);
+  map_fraction_.create(height, width, CV_16UC1);
+  cv::Mat map_x(1, width, CV_32FC1), map_y(1, width, CV_32FC1);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const std::optional<Vector2d> raw = RawFromPinhole(Vector2d(x, y));
+      const bool inside = raw && camera_.Contains(*raw, -1.0);
+      map_x.at<float>(0, x) = inside ? static_cast<float>(raw->x()) : -2.0f;  // outside: black
+      map_y.at<float>(0, x) = inside ? static_cast<float>(raw->y()) : -2.0f;
     }
+    cv::Mat xy = map_xy_.row(y), fraction = map_fraction_.row(y);
+    cv::convertMaps(map_x, map_y, xy, fraction, CV_16SC2, false);
   }
-  cv::convertMaps(map_x, map_y, out.map_xy_, out.map_fraction_, CV_16SC2, false);
-  return out;
 }
 
 absl::StatusOr<cv::Mat> Undistorter::Undistort(const cv::Mat& raw) const {

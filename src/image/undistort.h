@@ -47,6 +47,7 @@ class Undistorter {
 
  private:
   Undistorter() = default;
+  void MakeMaps();
 
   Camera camera_;
   Pinhole pinhole_;

@@ -4,10 +4,13 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <mutex>
 #include <thread>
 #include <utility>
 
 #include "base/bounded_queue.h"
+#include "base/files.h"
+#include "base/guarded.h"
 #include "io/photometric_files.h"
 #include "io/sequence_readers.h"
 
@@ -104,14 +107,16 @@ absl::Status CheckFirstImages(const std::vector<SelectedImage>& selected, const 
                                           selected.front().image.path));
 }
 
-SourceFrame Load(const SelectedImage& selected, std::int64_t index, cv::Size size) {
+// Memory that runs out is no fault of the image, and ends the sequence.
+absl::StatusOr<SourceFrame> Load(const SelectedImage& selected, std::int64_t index, cv::Size size) {
   SourceFrame frame;
   frame.index = index;
   frame.sequence_index = selected.sequence_index;
   frame.time_ns = selected.image.time_ns;
   frame.path = selected.image.path;
   frame.exposure_s = selected.image.exposure_s;
-  absl::StatusOr<cv::Mat> gray = ReadGrayImage(selected.image.path, size);
+  absl::StatusOr<cv::Mat> gray = Guarded([&] { return ReadGrayImage(selected.image.path, size); });
+  if (absl::IsResourceExhausted(gray.status())) return Annotate(gray.status(), selected.image.path);
   frame.status = gray.status();
   if (gray.ok()) frame.gray = *std::move(gray);
   return frame;
@@ -120,10 +125,19 @@ SourceFrame Load(const SelectedImage& selected, std::int64_t index, cv::Size siz
 // Images listed in files, decoded ahead by one thread, in order.
 class ListedFrameSource : public FrameSource {
  public:
-  ListedFrameSource(SourceInfo info, std::vector<SelectedImage> images, int prefetch)
-      : info_(std::move(info)), images_(std::move(images)), queue_(static_cast<std::size_t>(std::max(prefetch, 1))) {
-    if (prefetch > 0) thread_ = std::thread([this] { DecodeAhead(); });
+  static absl::StatusOr<std::unique_ptr<FrameSource>> Create(SourceInfo info, std::vector<SelectedImage> images,
+                                                             int prefetch) {
+    auto source = std::make_unique<ListedFrameSource>(std::move(info), std::move(images), prefetch);
+    if (prefetch > 0) {
+      ListedFrameSource* const self = source.get();
+      CAIRN_ASSIGN_OR_RETURN(source->thread_, StartThread(
+                                                  "reading images", [self] { self->DecodeAhead(); },
+                                                  [self](const absl::Status& status) { self->End(status); }));
+    }
+    return std::unique_ptr<FrameSource>(std::move(source));
   }
+  ListedFrameSource(SourceInfo info, std::vector<SelectedImage> images, int prefetch)
+      : info_(std::move(info)), images_(std::move(images)), queue_(static_cast<std::size_t>(std::max(prefetch, 1))) {}
   ~ListedFrameSource() override {
     queue_.Close();
     if (thread_.joinable()) thread_.join();
@@ -134,19 +148,37 @@ class ListedFrameSource : public FrameSource {
   const SourceInfo& info() const override { return info_; }
 
   absl::StatusOr<std::optional<SourceFrame>> Next() override {
-    if (thread_.joinable()) return queue_.Pop();
-    if (next_ == images_.size()) return std::optional<SourceFrame>();
-    SourceFrame frame = LoadAt(next_++);
-    return std::optional<SourceFrame>(std::move(frame));
+    return Guarded([&]() -> absl::StatusOr<std::optional<SourceFrame>> {
+      if (thread_.joinable()) {
+        std::optional<SourceFrame> frame = queue_.Pop();
+        if (frame) return frame;
+        std::lock_guard lock(mutex_);
+        if (!status_.ok()) return status_;
+        return std::optional<SourceFrame>();
+      }
+      if (next_ == images_.size()) return std::optional<SourceFrame>();
+      CAIRN_ASSIGN_OR_RETURN(SourceFrame frame, LoadAt(next_++));
+      return std::optional<SourceFrame>(std::move(frame));
+    });
   }
 
  private:
-  SourceFrame LoadAt(std::size_t i) const {
+  absl::StatusOr<SourceFrame> LoadAt(std::size_t i) const {
     return Load(images_[i], static_cast<std::int64_t>(i), {info_.camera.width_px, info_.camera.height_px});
   }
   void DecodeAhead() {
     for (std::size_t i = 0; i < images_.size(); ++i) {
-      if (!queue_.Push(LoadAt(i))) return;
+      absl::StatusOr<SourceFrame> frame = LoadAt(i);
+      if (!frame.ok()) return End(frame.status());
+      if (!queue_.Push(*std::move(frame))) return;
+    }
+    End(absl::OkStatus());
+  }
+  // What is queued still comes, then the error, if it is one.
+  void End(const absl::Status& status) {
+    {
+      std::lock_guard lock(mutex_);
+      status_ = status;
     }
     queue_.Close();
   }
@@ -155,6 +187,8 @@ class ListedFrameSource : public FrameSource {
   const std::vector<SelectedImage> images_;
   std::size_t next_ = 0;
   BoundedQueue<SourceFrame> queue_;
+  std::mutex mutex_;  // guards status_
+  absl::Status status_;
   std::thread thread_;
 };
 
@@ -204,8 +238,9 @@ absl::Status OpenOptions::Validate() const {
 absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& path, const OpenOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   if (!IsFolder(path)) {
-    return absl::NotFoundError(IsFile(path) ? absl::StrCat(path, " is a file; give the folder of the sequence")
-                                            : absl::StrCat("there is no folder ", path));
+    const std::string kind = IsFile(path) ? "is a file" : WhyNoFile(path);
+    return absl::NotFoundError(kind.empty() ? absl::StrCat("there is no folder ", path)
+                                            : absl::StrCat(path, " ", kind, "; give the folder of the sequence"));
   }
   CAIRN_ASSIGN_OR_RETURN(const Format* const format, FindFormat(path, options));
   const bool several_cameras = format->format == SequenceFormat::kEuroc || format->format == SequenceFormat::kKitti;
@@ -235,8 +270,7 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string
   info.duration_s = ToSeconds(info.last_time_ns - info.first_time_ns);
   info.photometric = std::move(files.photometric);
   info.body_from_camera = files.body_from_camera;
-  return std::unique_ptr<FrameSource>(
-      std::make_unique<ListedFrameSource>(std::move(info), *std::move(selected), options.prefetch));
+  return ListedFrameSource::Create(std::move(info), *std::move(selected), options.prefetch);
 }
 
 }  // namespace cairn::io

@@ -3,10 +3,13 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
+#include <filesystem>
 #include <opencv2/imgproc.hpp>
 
 #include "absl/strings/str_format.h"
+#include "io/camera_file.h"
 #include "io/testing_folder.h"
 
 namespace cairn::io {
@@ -479,6 +482,28 @@ TEST(ReadGrayImage, AnyTruncationIsFound) {
       EXPECT_EQ(ReadGrayImage(folder / name).status().code(), absl::StatusCode::kDataLoss) << name << " " << percent;
     }
   }
+}
+
+TEST(FrameSource, WhatIsNoFileIsSkippedAndNeverWaitedFor) {
+  const TestingFolder folder;
+  folder.Write("camera.yaml",
+               "model: pinhole\nresolution_px: [32, 24]\nintrinsics_px: [30, 30, 16, 12]\nrate_hz: 10\n");
+  folder.WriteImage("a.png", 1);
+  ASSERT_EQ(mkfifo((folder / "b.png").c_str(), 0600), 0);
+  std::filesystem::create_directory(folder / "c.png");
+  std::filesystem::create_symlink("/dev/zero", folder / "d.png");
+  folder.WriteImage("e.png", 2);
+  auto source = FrameSource::Open(folder.str());
+  ASSERT_TRUE(source.ok()) << source.status();
+  for (const bool usable : {true, false, false, false, true}) {
+    const auto frame = (*source)->Next();
+    ASSERT_TRUE(frame.ok() && frame->has_value());
+    EXPECT_EQ((*frame)->status.ok(), usable) << (*frame)->path << (*frame)->status;
+  }
+  EXPECT_FALSE((*source)->Next()->has_value());
+  EXPECT_TRUE(absl::IsInvalidArgument(LoadCamera("/dev/zero").status()));
+  folder.Write("large.yaml", std::string(2 << 20, '#'));
+  EXPECT_TRUE(absl::IsInvalidArgument(LoadCamera(folder / "large.yaml").status()));
 }
 
 }  // namespace

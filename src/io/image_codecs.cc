@@ -8,7 +8,7 @@
 namespace cairn::io {
 
 absl::StatusOr<cv::Mat> NewImage(std::int64_t width, std::int64_t height, int type) {
-  constexpr std::int64_t kMaxSide = 1 << 16, kMaxPixels = 1 << 28;
+  constexpr std::int64_t kMaxSide = 1 << 16, kMaxPixels = 100'000'000;  // as of a camera
   if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide || width * height > kMaxPixels) {
     return absl::DataLossError(absl::StrCat("claims to have ", width, "x", height, " px"));
   }

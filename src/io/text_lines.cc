@@ -3,6 +3,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "base/frame_times.h"
 #include "io/atomic_file.h"
 #include "io/time_text.h"
 
@@ -34,8 +35,7 @@ absl::Status LineError(const std::string& path, int number, absl::string_view me
 }
 
 absl::Status TimeOrder::Add(TimeNs time_ns, const std::string& path, int line) {
-  constexpr TimeNs kMaxNs = 4'000'000'000'000'000'000;  // differences of two times fit into 64 bits
-  if (time_ns > kMaxNs || time_ns < -kMaxNs) {
+  if (time_ns > kMaxTimeNs || time_ns < -kMaxTimeNs) {
     return LineError(path, line,
                      absl::StrCat("time ", FormatSeconds(time_ns), " s is out of range; is the unit right?"));
   }

@@ -9,6 +9,8 @@
 namespace cairn::io {
 namespace {
 
+constexpr std::uint64_t kMaxYamlBytes = 1 << 20;  // calibrations have a few hundred
+
 absl::Status Missing(const std::string& path, const std::string& key) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": the key `", key, "` is missing"));
 }
@@ -26,7 +28,7 @@ absl::StatusOr<double> NumberOf(const std::string& path, const YAML::Node& node,
 }  // namespace
 
 absl::StatusOr<YAML::Node> LoadYamlMap(const std::string& path) {
-  CAIRN_ASSIGN_OR_RETURN(std::string contents, ReadWholeFile(path));
+  CAIRN_ASSIGN_OR_RETURN(std::string contents, ReadWholeFile(path, kMaxYamlBytes));
   if (absl::StartsWith(contents, "\xEF\xBB\xBF")) contents.erase(0, 3);
   if (absl::StartsWith(contents, "%YAML:")) contents.replace(0, 6, "#     ");  // the line stays, as a comment
   try {

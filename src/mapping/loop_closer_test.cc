@@ -103,9 +103,8 @@ TEST(LoopCloser, AliasedRingIsClosedWhereItReallyCloses) {
   options.seed = 3;
   Ring ring(options);
   const Round run = GoRound(&ring, 110);
-  if (run.report.closed) {
-    EXPECT_LE(run.error_after, run.error_before / 3.0);
-  }
+  ASSERT_TRUE(run.report.closed) << run.report.evidence.rejected;
+  EXPECT_LE(run.error_after, run.error_before / 3.0);
 }
 
 TEST(LoopCloser, RejectsWhatDoesNotFit) {

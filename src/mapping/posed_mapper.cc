@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -47,6 +48,7 @@ absl::Status PosedMapperOptions::Validate() const {
   if ((position_sigma_share > 0.0) != (rotation_sigma_deg > 0.0)) {
     return bad("position_sigma_share and rotation_sigma_deg must both be positive, or both 0 for exact poses");
   }
+  if (!(min_fit_share >= 0.0 && min_fit_share < 1.0)) return bad("min_fit_share must be in [0, 1)");
   if (adjustment_iterations < 1) return bad("adjustment_iterations must be at least 1");
   return absl::OkStatus();
 }
@@ -77,6 +79,7 @@ class PosedMapper::Impl {
     place::BowVector words;
   };
 
+  absl::Status CheckFit(PoseCheck* fit) const;
   void Insert(map::Edit& edit, std::size_t index);
   std::vector<KeyframeId> Partners(const map::Edit& edit, KeyframeId id, bool only_older) const;
   DepthRange RangeOf(const map::Edit& edit, KeyframeId id, std::span<const KeyframeId> partners) const;
@@ -225,6 +228,43 @@ absl::StatusOr<LocalAdjustmentReport> PosedMapper::Impl::Adjust(map::Edit& edit)
   return AdjustKeyframes(edit, ids_, adjustment);
 }
 
+// Pairs by order and by words, which do not depend on the poses.
+absl::Status PosedMapper::Impl::CheckFit(PoseCheck* fit) const {
+  constexpr std::size_t kMostPairs = 200;
+  constexpr int kEnoughMatches = 50;
+  std::vector<PosedFeatures> views;
+  for (const View& view : views_) {
+    views.push_back({&view.keyframe.features->features, view.keyframe.camera_from_map.Inverse()});
+  }
+  std::vector<std::pair<std::size_t, std::size_t>> pairs;
+  const std::size_t stride = 2 * views.size() / kMostPairs + 1;
+  for (std::size_t i = 0; i < views.size(); i += stride) {
+    if (i + 1 < views.size()) pairs.emplace_back(i, i + 1);
+    std::optional<std::pair<double, std::size_t>> alike;
+    for (std::size_t j = 0; vocabulary_ != nullptr && j < views.size(); ++j) {
+      if (j + 1 >= i && j <= i + 1) continue;
+      const double score = place::Score(views_[i].words, views_[j].words);
+      if (!alike || score > alike->first) alike = {score, j};
+    }
+    if (alike) pairs.emplace_back(i, alike->second);
+  }
+  *fit = CheckPoses(views, pairs, pinhole_);
+  if (fit->matches < kEnoughMatches || fit->share >= options_.min_fit_share) return absl::OkStatus();
+  const int percent = static_cast<int>(100.0 * fit->share + 0.5);
+  const int inverted = static_cast<int>(100.0 * fit->inverted_share + 0.5);
+  std::string message =
+      absl::StrCat("the given poses are not those of the images: they explain ", percent, " % of ", fit->matches,
+                   " matches between ", fit->pairs, " pairs of images, where right ", "ones explain most");
+  if (fit->inverted_share >= options_.min_fit_share) {
+    absl::StrAppend(&message, "; inverted they explain ", inverted,
+                    " %: give world_from_camera, not camera_from_world");
+  } else {
+    absl::StrAppend(&message, "; nor inverted (", inverted,
+                    " %). Check their order, their times, and that they are the camera's and not of a body");
+  }
+  return absl::FailedPreconditionError(message);
+}
+
 void PosedMapper::Impl::DropUnconnected(map::Edit& edit, PosedMapperReport* report) {
   for (const KeyframeId id : ids_) {
     const auto& points = edit.keyframe(id).points;
@@ -247,6 +287,8 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::Finish() {
   map::Session session = edit.session(session_);
   session.components = {component_};
   edit.PutSession(session);
+  PosedMapperReport report;
+  CAIRN_RETURN_IF_ERROR(CheckFit(&report.fit));
   for (std::size_t i = 0; i < views_.size(); ++i) Insert(edit, i);
   if (scene_depth_ == 0.0) {
     return absl::FailedPreconditionError(
@@ -256,7 +298,6 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::Finish() {
   // Once more with better poses, and with views that came later.
   for (const KeyframeId id : ids_) Connect(edit, id, Partners(edit, id, false));
   CAIRN_ASSIGN_OR_RETURN(const LocalAdjustmentReport adjusted, Adjust(edit));
-  PosedMapperReport report;
   report.rmse_px = adjusted.rmse;
   DropUnconnected(edit, &report);
   return CommitAll(std::move(edit), report);

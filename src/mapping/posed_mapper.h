@@ -14,6 +14,7 @@
 #include "base/status.h"
 #include "base/time.h"
 #include "map/edit.h"
+#include "mapping/pose_check.h"
 #include "place/vocabulary.h"
 
 namespace cairn::mapping {
@@ -30,6 +31,8 @@ struct PosedMapperOptions {
   double position_sigma_share = 0.001;  // of the median scene depth
   double rotation_sigma_deg = 0.05;
   int adjustment_iterations = 15;
+  // Poses that explain fewer of the matches (mapping/pose_check.h) are not those of the images.
+  double min_fit_share = 0.3;
 
   absl::Status Validate() const;
 };
@@ -42,6 +45,7 @@ struct PosedImage {
 };
 
 struct PosedMapperReport {
+  PoseCheck fit;  // of the given poses
   int keyframes = 0;
   int keyframes_without_points = 0;  // left out of the map: nothing in them could be triangulated
   int points = 0;
@@ -68,7 +72,7 @@ class PosedMapper {
   absl::StatusOr<int> Add(const PosedImage& image);
 
   // Matches, triangulates, adjusts and commits: the map is complete after it. FailedPrecondition if fewer than two
-  // views share points. Nothing may be added afterwards.
+  // views share points, or the poses do not fit the images. Nothing may be added afterwards.
   absl::StatusOr<PosedMapperReport> Finish();
 
   // The map after the last commit.

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <functional>
+
 #include "mapping/testing_room.h"
 
 namespace cairn::mapping {
@@ -101,6 +103,41 @@ TEST(PosedMapper, LeavesExactPosesAlone) {
   CheckMap(room, run, *report, 10);
   EXPECT_EQ(report->keyframes_without_points, 1);
   EXPECT_EQ(report->median_pose_change, 0.0);
+}
+
+// Views along an arc that the mapper is given with the poses that `pose_of` makes.
+absl::StatusOr<PosedMapperReport> MapWith(const std::function<SE3(int)>& pose_of) {
+  const Room room;
+  TestRun run{PosedMapperOptions{}};
+  for (int i = 0; i < 12; ++i) {
+    EXPECT_TRUE(run.mapper->Add({i, i * 1000000000ll, room.Render(CirclePose(i / 40.0, 1.0)), pose_of(i)}).ok());
+  }
+  auto report = run.mapper->Finish();
+  EXPECT_EQ(run.map->keyframes().empty(), !report.ok()) << "nothing of a refused map";
+  return report;
+}
+
+TEST(PosedMapper, RefusesPosesThatAreNotThoseOfTheImages) {
+  const auto right = MapWith([](int i) { return CirclePose(i / 40.0, 1.0); });
+  ASSERT_TRUE(right.ok()) << right.status();
+  EXPECT_GT(right->fit.share, 0.7);
+  EXPECT_LT(right->fit.inverted_share, 0.2);
+
+  const auto inverted = MapWith([](int i) { return CirclePose(i / 40.0, 1.0).Inverse(); });
+  EXPECT_EQ(inverted.status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_NE(inverted.status().message().find("camera_from_world"), absl::string_view::npos) << inverted.status();
+
+  const auto shuffled = MapWith([](int i) { return CirclePose(i * 7 % 12 / 40.0, 1.0); });
+  EXPECT_EQ(shuffled.status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(shuffled.status().message().find("camera_from_world"), absl::string_view::npos) << shuffled.status();
+}
+
+// A calibration of the camera against the body that is off by 2 degrees turns all poses alike.
+TEST(PosedMapper, AConstantErrorOfTheOrientationIsNoReasonToRefuse) {
+  const SE3 off(ExpSO3(Vector3d(0.02, 0.02, -0.02)), Vector3d(0.01, 0.0, 0.0));
+  const auto report = MapWith([&](int i) { return CirclePose(i / 40.0, 1.0) * off; });
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_GT(report->fit.share, 0.5);
 }
 
 TEST(PosedMapper, RefusesBadInput) {

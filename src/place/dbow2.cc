@@ -1,12 +1,14 @@
 #include "place/dbow2.h"
 
-#include <cerrno>
 #include <charconv>
 #include <cstdint>
-#include <fstream>
+#include <sstream>
 #include <string_view>
 #include <system_error>
+#include <utility>
 #include <vector>
+
+#include "base/files.h"
 
 namespace cairn::place {
 namespace {
@@ -131,10 +133,8 @@ absl::StatusOr<Vocabulary> ImportDbow2Text(std::istream& in, const std::string& 
 }
 
 absl::StatusOr<Vocabulary> ImportDbow2TextFile(const std::string& path) {
-  std::ifstream in(path);
-  if (!in) {
-    return absl::NotFoundError(absl::StrCat("cannot open ", path, ": ", std::generic_category().message(errno)));
-  }
+  CAIRN_ASSIGN_OR_RETURN(std::string text, ReadWholeFile(path));
+  std::istringstream in(std::move(text));
   return ImportDbow2Text(in, path);
 }
 

@@ -5,22 +5,16 @@
 //   (n-1) x 32 bytes   descriptors of the nodes but the root, same order
 //   w x f32   word weights (idf), leaves in the same order
 //   u64       xxHash64 (seed 0) of everything before
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <bit>
-#include <cerrno>
-#include <cstdio>
 #include <cstring>
-#include <fstream>
 #include <string>
-#include <system_error>
 #include <type_traits>
 #include <utility>
 
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "base/files.h"
 #include "place/vocabulary.h"
 
 namespace cairn::place {
@@ -45,19 +39,6 @@ T Get(std::string_view bytes, std::size_t offset) {
     value |= static_cast<T>(static_cast<T>(static_cast<unsigned char>(bytes[offset + i])) << (8 * i));
   }
   return value;
-}
-
-std::string ErrnoText() { return std::generic_category().message(errno); }
-
-absl::Status WriteAll(int file, std::string_view bytes) {
-  while (!bytes.empty()) {
-    const ssize_t written = ::write(file, bytes.data(), bytes.size());
-    if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return absl::UnavailableError(ErrnoText());
-    bytes.remove_prefix(static_cast<std::size_t>(written));
-  }
-  if (::fsync(file) != 0) return absl::UnavailableError(ErrnoText());
-  return absl::OkStatus();
 }
 
 }  // namespace
@@ -138,22 +119,13 @@ absl::StatusOr<Vocabulary> Vocabulary::Parse(std::string_view bytes) {
 }
 
 absl::Status Vocabulary::Save(const std::string& path) const {
-  const std::string temporary = absl::StrCat(path, ".", ::getpid(), ".tmp");
-  const int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
-  if (file < 0) return absl::UnavailableError(absl::StrCat("cannot write ", temporary, ": ", ErrnoText()));
-  absl::Status status = WriteAll(file, Serialize());
-  if (::close(file) != 0 && status.ok()) status = absl::UnavailableError(ErrnoText());
-  if (status.ok() && ::rename(temporary.c_str(), path.c_str()) != 0) status = absl::UnavailableError(ErrnoText());
-  if (!status.ok()) ::unlink(temporary.c_str());
-  return Annotate(status, absl::StrCat("writing the vocabulary ", path));
+  return Annotate(WriteFileAtomically(path, Serialize(), /*overwrite=*/true), "saving the vocabulary");
 }
 
 absl::StatusOr<Vocabulary> Vocabulary::Load(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) return absl::NotFoundError(absl::StrCat("cannot open the vocabulary ", path, ": ", ErrnoText()));
-  std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-  if (in.bad()) return absl::UnavailableError(absl::StrCat("cannot read the vocabulary ", path));
-  absl::StatusOr<Vocabulary> vocabulary = Parse(bytes);
+  const absl::StatusOr<std::string> bytes = ReadWholeFile(path);
+  if (!bytes.ok()) return Annotate(bytes.status(), "loading the vocabulary");
+  absl::StatusOr<Vocabulary> vocabulary = Parse(*bytes);
   if (!vocabulary.ok()) return Annotate(vocabulary.status(), path);
   return vocabulary;
 }

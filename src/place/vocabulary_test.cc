@@ -155,6 +155,10 @@ TEST(Vocabulary, RoundTripsThroughBytesAndFile) {
   std::filesystem::remove(path);
   EXPECT_EQ(Vocabulary::Load(path).status().code(), absl::StatusCode::kNotFound);
   EXPECT_FALSE(vocabulary.Save("/nonexistent/folder/file").ok());
+  for (const char* no_file : {"/dev/zero", "/"}) {
+    EXPECT_TRUE(absl::IsInvalidArgument(Vocabulary::Load(no_file).status())) << no_file;
+    EXPECT_FALSE(vocabulary.Save(no_file).ok()) << no_file;
+  }
 }
 
 TEST(Vocabulary, HashNamesTheContent) {

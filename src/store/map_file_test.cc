@@ -6,8 +6,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <ctime>
 #include <limits>
 
 #include "map/lens.h"
@@ -26,12 +24,6 @@ using testing::SameBits;
 using testing::TempFolder;
 using testing::TestInfo;
 using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr double kSanitizerSlowdown = 10.0;
-#else
-constexpr double kSanitizerSlowdown = 1.0;
-#endif
 
 std::string Message(const absl::Status& status) { return std::string(status.message()); }
 
@@ -454,33 +446,6 @@ TEST(MapFile, SizePerKeyframe) {
                 static_cast<double>(map->points().size()) / kKeyframes, static_cast<long>(bytes));
     EXPECT_LE(bytes, 60000);
   }
-}
-
-// Processor time: what a busy machine and its disk add is another matter.
-double ProcessorMs() { return 1e3 * static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
-
-TEST(MapFile, CommitsFast) {
-  const TempFolder folder(/*on_disk=*/true);
-  auto file = *MapFile::Create(folder.File("a.cairn"), TestInfo());
-  MapGrower grower(14, {.features = 1000, .new_points = 110});
-  SnapshotPtr map = Grow(file.get(), &grower, 40);
-  std::vector<double> times_ms;
-  std::size_t points = 0;
-  for (int i = 0; i < 9; ++i) {
-    const map::Delta delta = grower.Adjust(map, 20);
-    points = delta.points.size();
-    const double start_ms = ProcessorMs();
-    ASSERT_TRUE(file->Commit(delta).ok());
-    times_ms.push_back(ProcessorMs() - start_ms);
-    map = *map->Apply(delta);
-  }
-  std::sort(times_ms.begin(), times_ms.end());
-  const double start_ms = ProcessorMs();
-  ASSERT_TRUE(file->LoadSnapshot().ok());
-  std::printf("processor time: commit of 20 keyframes and %zu points %.1f ms median, load of 40 keyframes %.1f ms\n",
-              points, times_ms[4], ProcessorMs() - start_ms);
-  EXPECT_GE(points, 2000u);
-  EXPECT_LT(times_ms[4], 20.0 * kSanitizerSlowdown);
 }
 
 }  // namespace

@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "base/status.h"
+#include "cli/outputs.h"
+#include "cli/progress.h"
 
 namespace cairn::cli {
 
@@ -32,42 +34,13 @@ void AddCameraCommand(CLI::App& app, Action* action);
 // Gives the exit code that fits the status.
 int Fail(const std::string& verb, const absl::Status& status, bool json);
 
+// The same for a usage error that an option's check did not find.
+int FailUsage(const std::string& verb, const std::string& message, bool json);
+
+// "frame" and "unit" of the positions of an answer: "world" and "m" if the map is aligned, else "map" and "map units".
+void AddFrameAndUnit(bool in_world, nlohmann::ordered_json* json);
+
 // One line of JSON with keys in the order given.
 void PrintJson(const nlohmann::ordered_json& json);
-
-// OK if `path` may be written: its folder can be, and it does not exist, or is a file and `overwrite`. The message
-// names the remedy. What is no map never replaces one, nor a file that belongs to one.
-absl::Status CheckWritable(const std::string& path, bool overwrite, bool is_map = false);
-
-// InvalidArgument if two outputs are the same file, or an output is one of the inputs, or a file in a folder
-// that is one (unless it looks like an earlier map, trajectory or drawing); empty names count for nothing.
-absl::Status CheckDistinct(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
-
-// InvalidArgument unless the name is empty or ends in .png or .svg.
-absl::Status CheckPicture(const std::string& path);
-
-// A bar that redraws itself on a terminal, and a plain line every tenth otherwise. Writes to standard error.
-class Progress {
- public:
-  Progress(std::string label, std::int64_t total, bool quiet);
-  ~Progress();
-  Progress(const Progress&) = delete;
-  Progress& operator=(const Progress&) = delete;
-
-  // `note` stands behind the bar: "42 keyframes, 61 frames/s".
-  void Update(std::int64_t done, const std::string& note = "");
-  void Finish(const std::string& note = "");
-
- private:
-  void Draw(std::int64_t done, const std::string& note);
-
-  std::string label_;
-  std::int64_t total_;
-  bool quiet_;
-  bool terminal_;
-  bool finished_ = false;
-  std::int64_t last_tenth_ = -1;
-  double last_drawn_s_ = -1.0;
-};
 
 }  // namespace cairn::cli

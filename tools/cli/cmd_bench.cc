@@ -61,7 +61,7 @@ class PreloadedSource : public io::FrameSource {
 struct Stage {
   const char* name;
   const char* what;
-  const std::vector<float>& samples_ms;
+  const SampleReservoir& samples_ms;
 };
 
 struct Bench {
@@ -89,7 +89,7 @@ void PrintBench(const BenchOptions& options, const Bench& bench, const Preloaded
   if (options.json) {
     nlohmann::ordered_json stages;
     for (const Stage& stage : bench.Stages()) {
-      stages[stage.name] = {{"calls", stage.samples_ms.size()}};
+      stages[stage.name] = {{"calls", stage.samples_ms.count()}};
       stages[stage.name].update(SampleStatistics(stage.samples_ms));
     }
     nlohmann::ordered_json json = {{"sequence", source.info().name},
@@ -123,10 +123,9 @@ void PrintBench(const BenchOptions& options, const Bench& bench, const Preloaded
   std::printf("  %-12s %7s %9s %9s %9s %9s\n", "ms", "calls", "median", "mean", "p99", "total s");
   for (const Stage& stage : bench.Stages()) {
     if (stage.samples_ms.empty()) continue;
-    const double mean = Mean(stage.samples_ms);
-    std::printf("  %-12s %7zu %9.3f %9.3f %9.3f %9.2f  %s\n", stage.name, stage.samples_ms.size(),
-                Percentile(stage.samples_ms, 0.5), mean, Percentile(stage.samples_ms, 0.99),
-                1e-3 * mean * static_cast<double>(stage.samples_ms.size()), stage.what);
+    std::printf("  %-12s %7lld %9.3f %9.3f %9.3f %9.2f  %s\n", stage.name,
+                static_cast<long long>(stage.samples_ms.count()), stage.samples_ms.Percentile(0.5),
+                stage.samples_ms.mean(), stage.samples_ms.Percentile(0.99), 1e-3 * stage.samples_ms.sum(), stage.what);
   }
 }
 

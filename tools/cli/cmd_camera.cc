@@ -1,5 +1,6 @@
 // cairn camera calibrate-photometric: response, vignette and exposures of a camera from an ordinary sequence.
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -8,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
+#include "cli/interrupt.h"
 #include "image/photometric_tracks.h"
 #include "io/photometric_files.h"
 #include "optimization/photometric_adjustment.h"
@@ -58,7 +60,7 @@ struct Calibration {
   io::Exposures exposures;  // of every image, if estimated
 };
 
-absl::StatusOr<Recording> Record(const CalibrateOptions& options) {
+absl::StatusOr<Recording> Record(const CalibrateOptions& options, InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
   Recording recording;
   recording.info = source->info();
@@ -69,7 +71,9 @@ absl::StatusOr<Recording> Record(const CalibrateOptions& options) {
   Progress progress("following points", frames, options.json);
   bool all_known = !options.ignore_exposures;
   std::int64_t read = 0;
-  for (;;) {
+  std::atomic<bool> stop = false;
+  const InterruptWatch::Guard guard(interrupt, [&] { stop = true; });
+  while (!stop) {
     CAIRN_ASSIGN_OR_RETURN(std::optional<io::SourceFrame> frame, source->Next());
     if (!frame) break;
     if (!frame->status.ok()) {
@@ -241,18 +245,26 @@ absl::Status CheckOutputs(const CalibrateOptions& options) {
     return absl::InvalidArgumentError(
         absl::StrCat(options.out, " is the sequence itself: give the calibration a folder of its own"));
   }
+  const std::vector<std::string> folders = {options.input.sequence, options.input.open.photometric_path};
+  std::vector<std::string> outputs = {options.picture}, inputs = InputFiles(options.input);
   for (const std::string& name : io::PhotometricFileNames()) {
-    CAIRN_RETURN_IF_ERROR(fs::is_directory(options.out, error)
-                              ? CheckWritable((fs::path(options.out) / name).string(), options.overwrite)
-                              : absl::OkStatus());
+    outputs.push_back((fs::path(options.out) / name).string());
+    for (const std::string& folder : folders) {
+      if (!folder.empty()) inputs.push_back((fs::path(folder) / name).string());
+    }
+    CAIRN_RETURN_IF_ERROR(fs::is_directory(options.out, error) ? CheckWritable(outputs.back(), options.overwrite)
+                                                               : absl::OkStatus());
   }
-  return absl::OkStatus();
+  // A calibration may stand in a folder of its own within the sequence.
+  std::erase_if(inputs, [&](const std::string& input) { return fs::is_directory(input, error); });
+  CAIRN_RETURN_IF_ERROR(CheckDistinct(outputs, inputs));
+  return CheckDistinct({options.picture}, InputFiles(options.input));
 }
 
-absl::Status Calibrate(const CalibrateOptions& options) {
+absl::Status Calibrate(const CalibrateOptions& options, InterruptWatch* interrupt) {
   CAIRN_RETURN_IF_ERROR(CheckOutputs(options));
   const auto start = std::chrono::steady_clock::now();
-  CAIRN_ASSIGN_OR_RETURN(const Recording recording, Record(options));
+  CAIRN_ASSIGN_OR_RETURN(const Recording recording, Record(options, interrupt));
   CAIRN_ASSIGN_OR_RETURN(const Calibration calibration, Estimate(recording));
   CAIRN_RETURN_IF_ERROR(CheckDetermined(recording, calibration));
   std::error_code error;
@@ -294,8 +306,10 @@ void AddCameraCommand(CLI::App& app, Action* action) {
       "  cairn run V1_01_easy --photometric left --map room.cairn");
   verb->callback([=] {
     *action = [=] {
-      const absl::Status status = Calibrate(*options);
-      return status.ok() ? static_cast<int>(kOk) : Fail(kVerb, status, options->json);
+      InterruptWatch interrupt;
+      const absl::Status status = Calibrate(*options, &interrupt);
+      const int code = status.ok() ? static_cast<int>(kOk) : Fail(kVerb, status, options->json);
+      return interrupt.exit_code() != 0 ? interrupt.exit_code() : code;
     };
   });
 }

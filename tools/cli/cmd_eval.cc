@@ -35,13 +35,21 @@ struct EvalOptions {
   bool json = false;
 };
 
+bool IsFolder(const std::string& path) {
+  std::error_code ignored;
+  return std::filesystem::is_directory(path, ignored);
+}
+
 // The estimate's files: itself, or every file of a folder of runs, in the order of names.
 absl::StatusOr<std::vector<std::string>> EstimateFiles(const std::string& path) {
-  if (!std::filesystem::is_directory(path)) return std::vector<std::string>{path};
+  if (!IsFolder(path)) return std::vector<std::string>{path};
   std::vector<std::string> files;
-  for (const auto& entry : std::filesystem::directory_iterator(path)) {
-    if (entry.is_regular_file()) files.push_back(entry.path().string());
+  std::error_code error, ignored;
+  for (auto it = std::filesystem::directory_iterator(path, error);
+       !error && it != std::filesystem::directory_iterator(); it.increment(error)) {
+    if (it->is_regular_file(ignored)) files.push_back(it->path().string());
   }
+  if (error) return absl::UnavailableError(absl::StrCat("cannot read the folder ", path, ": ", error.message()));
   std::sort(files.begin(), files.end());
   if (files.empty()) return absl::NotFoundError(absl::StrCat("no trajectory file in the folder ", path));
   return files;
@@ -76,7 +84,9 @@ int EvaluateRuns(const EvalOptions& options, const char* verb, const char* figur
   }
   const eval::RunSummary summary = eval::SummarizeRuns(values, failed_value);
   if (options.json) {
-    PrintJson({{"runs", runs},
+    PrintJson({{"frame", "world"},
+               {"unit", "m"},
+               {"runs", runs},
                {"failed", summary.failed},
                {"median", summary.median},
                {"best", summary.best},
@@ -97,11 +107,13 @@ int RunAte(EvalOptions options) {
   constexpr const char* kVerb = "eval ate";
   options.ate.with_scale = !options.rigid;
   options.ate.align = !options.no_align;
-  if (absl::Status status = CheckWritable(options.plot, options.overwrite); !status.ok())
-    return Fail(kVerb, status, options.json);
+  absl::Status writable = CheckWritable(options.plot, options.overwrite);
+  writable.Update(CheckDistinct({options.plot}, {options.estimate, options.groundtruth}));
+  writable.Update(CheckPicture(options.plot));
+  if (!writable.ok()) return Fail(kVerb, writable, options.json);
   const auto truth = io::ReadTrajectory(options.groundtruth);
   if (!truth.ok()) return Fail(kVerb, truth.status(), options.json);
-  if (std::filesystem::is_directory(options.estimate)) {
+  if (IsFolder(options.estimate)) {
     constexpr double kFailedRun_m = 10.0;
     return EvaluateRuns(options, kVerb, "ate_m", kFailedRun_m,
                         [&](const io::Trajectory& estimate) -> absl::StatusOr<double> {
@@ -120,7 +132,9 @@ int RunAte(EvalOptions options) {
       return Fail(kVerb, status, options.json);
   }
   if (options.json) {
-    PrintJson({{"ate_m", result->position_m.rmse},
+    PrintJson({{"frame", "world"},
+               {"unit", "m"},
+               {"ate_m", result->position_m.rmse},
                {"position_m", ToJson(result->position_m)},
                {"rotation_deg", ToJson(result->rotation_rad, kDegPerRad)},
                {"scale", result->groundtruth_from_estimate.scale()},
@@ -164,7 +178,7 @@ int RunRpe(EvalOptions options) {
                   result.drift_percent, result.segments);
     }
   }
-  if (options.json) PrintJson({{"rpe", list}});
+  if (options.json) PrintJson({{"frame", "camera"}, {"unit", "m"}, {"rpe", list}});
   return kOk;
 }
 
@@ -172,7 +186,7 @@ int RunLoop(const EvalOptions& options) {
   constexpr const char* kVerb = "eval loop";
   const auto truth = io::ReadTrajectory(options.groundtruth);
   if (!truth.ok()) return Fail(kVerb, truth.status(), options.json);
-  if (std::filesystem::is_directory(options.estimate)) {
+  if (IsFolder(options.estimate)) {
     return EvaluateRuns(options, kVerb, "e_align_m", std::numeric_limits<double>::infinity(),
                         [&](const io::Trajectory& estimate) -> absl::StatusOr<double> {
                           CAIRN_ASSIGN_OR_RETURN(const eval::LoopResult run,
@@ -185,7 +199,9 @@ int RunLoop(const EvalOptions& options) {
   const auto result = eval::EvaluateLoop(estimate->poses, *truth, options.loop);
   if (!result.ok()) return Fail(kVerb, result.status(), options.json);
   if (options.json) {
-    PrintJson({{"e_align_m", result->align_error_m},
+    PrintJson({{"frame", "world"},
+               {"unit", "m"},
+               {"e_align_m", result->align_error_m},
                {"start_rmse_m", result->start_rmse_m},
                {"end_rmse_m", result->end_rmse_m},
                {"rotation_drift_deg", result->rotation_drift_rad * kDegPerRad},
@@ -228,7 +244,9 @@ int RunLocalization(const EvalOptions& options) {
   if (!result.ok()) return Fail(kVerb, result.status(), options.json);
   const double wrong_of_answered = result->answered > 0 ? static_cast<double>(result->wrong) / result->answered : 0.0;
   if (options.json) {
-    PrintJson({{"queries", result->queries},
+    PrintJson({{"frame", "world"},
+               {"unit", "m"},
+               {"queries", result->queries},
                {"answered", result->answered},
                {"within", result->within},
                {"wrong", result->wrong},

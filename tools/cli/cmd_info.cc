@@ -83,7 +83,9 @@ nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) 
   nlohmann::ordered_json world = nullptr;
   if (map.info().world_from_map) {
     const Sim3& s = *map.info().world_from_map;
-    world = {{"scale", s.scale()},
+    world = {{"frame", "world"},
+             {"unit", "m"},
+             {"scale", s.scale()},
              {"translation", {s.translation().x(), s.translation().y(), s.translation().z()}},
              {"quaternion_xyzw", {s.rotation().x(), s.rotation().y(), s.rotation().z(), s.rotation().w()}}};
   }
@@ -153,6 +155,8 @@ void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const s
 
 absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.map}));
+  CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   if (map->info().vocabulary_hash != 0) {

@@ -1,13 +1,16 @@
 // cairn localize: where a sequence, or one photo, is in a map; the map is only read.
 #include <algorithm>
+#include <atomic>
 #include <cstdio>
 #include <filesystem>
-#include <iostream>
 #include <map>
 
 #include "api/localizer.h"
+#include "base/files.h"
+#include "base/guarded.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
+#include "cli/interrupt.h"
 #include "cli/pictures.h"
 #include "cli/sample_statistics.h"
 #include "client/local_localizer.h"
@@ -36,14 +39,19 @@ double PositionSigma(const api::LocalizeAnswer& answer) {
   return answer.world_per_map * std::sqrt((by_increment * answer.covariance * by_increment.transpose()).trace());
 }
 
+// What nothing links to the part that is aligned has a place of its own, in the map's frame.
+bool InWorld(const api::LocalizeAnswer& answer) { return answer.world_is_metric && answer.part == 0; }
+
 nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::string& path, TimeNs time_ns) {
   nlohmann::ordered_json json = {{"image", path}, {"time_s", ToSeconds(time_ns)}, {"localized", answer.localized}};
   if (answer.localized) {
-    const Vector3d& t = answer.world_from_camera.translation();
-    const Quaterniond& q = answer.world_from_camera.rotation();
+    const SE3& pose = InWorld(answer) ? answer.world_from_camera : answer.map_from_camera;
+    const Vector3d& t = pose.translation();
+    const Quaterniond& q = pose.rotation();
+    AddFrameAndUnit(InWorld(answer), &json);
     json["position"] = {t.x(), t.y(), t.z()};
     json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
-    json["position_sigma"] = PositionSigma(answer);
+    json["position_sigma"] = PositionSigma(answer) / (InWorld(answer) ? 1.0 : answer.world_per_map);
     json["reference_keyframe"] = answer.reference_keyframe.value();
     json["part"] = answer.part + 1;
     json["parts"] = answer.parts;
@@ -65,10 +73,9 @@ nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::stri
 void PrintAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
   const std::string name = std::filesystem::path(path).filename().string();
   if (answer.localized) {
-    const Vector3d& t = answer.world_from_camera.translation();
+    const Vector3d& t = (InWorld(answer) ? answer.world_from_camera : answer.map_from_camera).translation();
     std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", name.c_str(), t.x(), t.y(), t.z(),
-                answer.world_is_metric && answer.part == 0 ? "m" : "(map units)", answer.counts.inliers,
-                answer.extract_ms + answer.locate_ms);
+                InWorld(answer) ? "m" : "(map units)", answer.counts.inliers, answer.extract_ms + answer.locate_ms);
     if (answer.parts > 1) std::printf(", in part %d of %d of the map", answer.part + 1, answer.parts);
     std::printf("\n");
   } else {
@@ -83,7 +90,7 @@ struct Summary {
   std::int64_t localized = 0;
   std::int64_t elsewhere = 0;                  // of these, in a part of the map that nothing links to the largest
   std::map<std::string, std::int64_t> misses;  // by stage
-  std::vector<float> latency_ms;
+  SampleReservoir latency_ms;
   std::vector<io::StampedPose> poses;
   nlohmann::ordered_json images = nlohmann::ordered_json::array();  // each answer, if asked for
   std::string map_id;
@@ -93,7 +100,7 @@ struct Summary {
 
   void Add(const api::LocalizeAnswer& answer, TimeNs time_ns) {
     ++frames;
-    latency_ms.push_back(static_cast<float>(answer.extract_ms + answer.locate_ms));
+    latency_ms.Add(static_cast<float>(answer.extract_ms + answer.locate_ms));
     map_id = answer.map_id;
     revision = answer.revision;
     metric = answer.world_is_metric;
@@ -108,22 +115,25 @@ struct Summary {
   }
 };
 
+absl::Status Draw(const LocalizeOptions& options, const Summary& summary) {
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
+  std::vector<SE3> queries;
+  for (const io::StampedPose& pose : summary.poses) queries.push_back(pose.world_from_camera);
+  return DrawMap(*map, options.picture, queries);
+}
+
 absl::Status WriteOutputs(const LocalizeOptions& options, const Summary& summary) {
+  absl::Status status;
   if (!options.out.empty()) {
     io::TrajectoryWriteOptions write;
     write.overwrite = options.overwrite;
     write.comment = absl::StrCat("t tx ty tz qx qy qz qw: ", summary.metric ? "world" : "map", "_from_camera, map ",
                                  summary.map_id, " revision ", summary.revision);
-    CAIRN_RETURN_IF_ERROR(io::WriteTumTrajectory(options.out, summary.poses, write));
+    status.Update(io::WriteTumTrajectory(options.out, summary.poses, write));
   }
-  if (!options.picture.empty()) {
-    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
-    CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
-    std::vector<SE3> queries;
-    for (const io::StampedPose& pose : summary.poses) queries.push_back(pose.world_from_camera);
-    CAIRN_RETURN_IF_ERROR(DrawMap(*map, options.picture, queries));
-  }
-  return absl::OkStatus();
+  if (!options.picture.empty()) status.Update(Guarded([&] { return Draw(options, summary); }));
+  return status;
 }
 
 void PrintLensUse(api::LensUse lens) {
@@ -134,22 +144,28 @@ void PrintLensUse(api::LensUse lens) {
   }
 }
 
-void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::int64_t skipped) {
+void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::int64_t skipped, bool interrupted) {
   const double share =
       summary.frames > 0 ? static_cast<double>(summary.localized) / static_cast<double>(summary.frames) : 0.0;
   if (options.json) {
-    nlohmann::ordered_json json = {{"map", summary.map_id},     {"revision", summary.revision},
-                                   {"frames", summary.frames},  {"localized", summary.localized},
-                                   {"localized_share", share},  {"localized_in_other_parts", summary.elsewhere},
-                                   {"frames_skipped", skipped}, {"lens", api::LensUseName(summary.lens)},
-                                   {"misses", summary.misses},  {"latency_ms", SampleStatistics(summary.latency_ms)}};
+    nlohmann::ordered_json json = {{"map", summary.map_id}, {"revision", summary.revision}};
+    AddFrameAndUnit(summary.metric, &json);
+    json.update({{"frames", summary.frames},
+                 {"localized", summary.localized},
+                 {"localized_share", share},
+                 {"localized_in_other_parts", summary.elsewhere},
+                 {"frames_skipped", skipped},
+                 {"interrupted", interrupted},
+                 {"lens", api::LensUseName(summary.lens)},
+                 {"misses", summary.misses},
+                 {"latency_ms", SampleStatistics(summary.latency_ms)}});
     if (options.verbose) json["images"] = summary.images;
     PrintJson(json);
     return;
   }
   std::printf("located %lld of %lld images (%.1f %%), %.1f ms median each (p99 %.1f)\n",
               static_cast<long long>(summary.localized), static_cast<long long>(summary.frames), 100.0 * share,
-              Percentile(summary.latency_ms, 0.5), Percentile(summary.latency_ms, 0.99));
+              summary.latency_ms.Percentile(0.5), summary.latency_ms.Percentile(0.99));
   if (summary.elsewhere > 0) {
     std::printf("  %lld of them in parts of the map that nothing links to the largest (cairn info): not in the files\n",
                 static_cast<long long>(summary.elsewhere));
@@ -158,6 +174,7 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
     std::printf("  %lld missed at stage \"%s\"\n", static_cast<long long>(count), stage.c_str());
   }
   if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
+  if (interrupted) std::printf("  interrupted: this is what was done until then\n");
   PrintLensUse(summary.lens);
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
@@ -184,56 +201,80 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
   return answer.localized ? kOk : kNotLocalized;
 }
 
-absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, api::Localizer& localizer) {
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
-  SkippedFrames skipped("localize", options.json);
-  Progress progress("localizing", source->info().num_frames, options.json || options.verbose);
-  Summary summary;
-  for (;;) {
-    CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, source->Next());
+// Every image until the end, an error, or `stop`.
+absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source, api::Localizer& localizer,
+                         const std::atomic<bool>& stop, SkippedFrames* skipped, Summary* summary) {
+  Progress progress("localizing", source.info().num_frames, options.json || options.verbose);
+  while (!stop) {
+    CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, source.Next());
     if (!frame) break;
     if (!frame->status.ok()) {
-      skipped.Add(frame->path, frame->status);
+      skipped->Add(frame->path, frame->status);
       continue;
     }
     CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer,
-                           localizer.Localize({frame->gray, source->info().camera, frame->time_ns}));
-    summary.Add(answer, frame->time_ns);
-    if (options.verbose && options.json) summary.images.push_back(ToJson(answer, frame->path, frame->time_ns));
+                           localizer.Localize({frame->gray, source.info().camera, frame->time_ns}));
+    summary->Add(answer, frame->time_ns);
+    if (options.verbose && options.json) summary->images.push_back(ToJson(answer, frame->path, frame->time_ns));
     if (options.verbose && !options.json) PrintAnswer(answer, frame->path);
-    progress.Update(frame->index + 1, absl::StrCat(summary.localized, " of ", summary.frames, " located"));
+    progress.Update(frame->index + 1, absl::StrCat(summary->localized, " of ", summary->frames, " located"));
   }
-  progress.Finish();
-  if (summary.frames == 0) {
+  return absl::OkStatus();
+}
+
+absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, api::Localizer& localizer,
+                                     InterruptWatch* interrupt) {
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
+  SkippedFrames skipped("localize", options.json);
+  Summary summary;
+  absl::Status status;
+  {
+    std::atomic<bool> stop = false;
+    const InterruptWatch::Guard guard(interrupt, [&] { stop = true; });
+    status = Guarded([&] { return LocalizeAll(options, *source, localizer, stop, &skipped, &summary); });
+  }
+  const bool interrupted = interrupt->exit_code() != 0;
+  if (status.ok() && summary.frames == 0 && !interrupted) {
     return absl::DataLossError(
         absl::StrCat("none of the ", skipped.count(), " images of ", options.input.sequence, " could be used"));
   }
-  CAIRN_RETURN_IF_ERROR(WriteOutputs(options, summary));
-  PrintSummary(options, summary, skipped.count());
+  const absl::Status written = WriteOutputs(options, summary);
+  if (!status.ok()) return AfterError(status, {options.out, options.picture}, written);
+  CAIRN_RETURN_IF_ERROR(written);
+  PrintSummary(options, summary, skipped.count(), interrupted);
+  if (interrupted) return interrupt->exit_code();
   return summary.localized > 0 ? kOk : kNotLocalized;
 }
 
 absl::StatusOr<int> Localize(const LocalizeOptions& options) {
+  InterruptWatch interrupt;
   std::error_code error;
   const bool photo = std::filesystem::is_regular_file(options.input.sequence, error);
   if (!std::filesystem::exists(options.input.sequence, error)) {
     return absl::NotFoundError(
         absl::StrCat(options.input.sequence, " does not exist: name a photo or a sequence's folder"));
   }
-  if (!photo && !options.independent) {
-    std::cerr << "cairn localize: give --independent: each image is located on its own; tracking from image to image "
-                 "against a fixed map is not part of this version\n";
-    return kUsage;
+  const bool folder = std::filesystem::is_directory(options.input.sequence, error);
+  if (!photo && !folder) {
+    return absl::InvalidArgumentError(absl::StrCat(options.input.sequence, " ", WhyNoFile(options.input.sequence),
+                                                   ": name a photo or a sequence's folder"));
   }
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out, options.picture},
-                                      {options.map, options.input.open.camera_path, options.input.sequence}));
+  if (folder && !options.independent) {
+    return FailUsage("localize",
+                     "give --independent: each image is located on its own; tracking from image to image against a "
+                     "fixed map is not part of this version",
+                     options.json);
+  }
+  std::vector<std::string> inputs = InputFiles(options.input);
+  inputs.push_back(options.map);
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out, options.picture}, inputs));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   for (const std::string* output : {&options.out, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::LocalLocalizer> localizer,
                          client::LocalLocalizer::Open(options.map));
-  return photo ? LocalizePhoto(options, *localizer) : LocalizeSequence(options, *localizer);
+  return photo ? LocalizePhoto(options, *localizer) : LocalizeSequence(options, *localizer, &interrupt);
 }
 
 }  // namespace

@@ -90,16 +90,16 @@ int SaveAndReport(const absl::StatusOr<place::Vocabulary>& vocabulary, const Voc
 }
 
 int RunTrain(const VocabOptions& options) {
-  if (absl::Status status = CheckWritable(options.output, options.overwrite); !status.ok()) {
-    return Fail("vocab train", status, options.json);
-  }
+  absl::Status status = CheckWritable(options.output, options.overwrite);
+  status.Update(CheckDistinct({options.output}, options.folders));
+  if (!status.ok()) return Fail("vocab train", status, options.json);
   return SaveAndReport(TrainFromFolders(options), options, "vocab train");
 }
 
 int RunImport(const VocabOptions& options) {
-  if (absl::Status status = CheckWritable(options.output, options.overwrite); !status.ok()) {
-    return Fail("vocab import", status, options.json);
-  }
+  absl::Status status = CheckWritable(options.output, options.overwrite);
+  status.Update(CheckDistinct({options.output}, {options.input}));
+  if (!status.ok()) return Fail("vocab import", status, options.json);
   return SaveAndReport(place::ImportDbow2TextFile(options.input), options, "vocab import");
 }
 

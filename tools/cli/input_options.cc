@@ -29,6 +29,10 @@ void AddInputOptions(CLI::App* verb, InputOptions* options) {
       ->capture_default_str();
 }
 
+std::vector<std::string> InputFiles(const InputOptions& options) {
+  return {options.sequence, options.open.camera_path, options.open.photometric_path};
+}
+
 absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options) {
   io::OpenOptions open = options.open;
   CAIRN_ASSIGN_OR_RETURN(open.format, io::SequenceFormatFromName(options.format));

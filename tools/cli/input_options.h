@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "io/frame_source.h"
 
@@ -17,6 +18,9 @@ struct InputOptions {
 
 // DATASET, --camera, --photometric, --camera-index, --format, --from, --until, --stride.
 void AddInputOptions(CLI::App* verb, InputOptions* options);
+
+// All that is read: not to be overwritten by what is written.
+std::vector<std::string> InputFiles(const InputOptions& options);
 
 absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options);
 

@@ -11,6 +11,8 @@
 #include <iostream>
 #include <utility>
 
+#include "base/guarded.h"
+
 namespace cairn::cli {
 namespace {
 
@@ -19,18 +21,27 @@ sigset_t WatchedSignals() {
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
+  struct sigaction hangup = {};
+  const bool ignored = sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler == SIG_IGN;  // nohup
+  if (!ignored) sigaddset(&signals, SIGHUP);
   return signals;
 }
 
 }  // namespace
 
-InterruptWatch::InterruptWatch() {
-  const sigset_t signals = WatchedSignals();
+InterruptWatch::InterruptWatch() : signals_(WatchedSignals()) {
+  pipe_handler_ = std::signal(SIGPIPE, SIG_IGN);
   wake_fd_ = eventfd(0, EFD_CLOEXEC);
-  signal_fd_ = signalfd(-1, &signals, SFD_CLOEXEC);
+  signal_fd_ = signalfd(-1, &signals_, SFD_CLOEXEC);
   if (wake_fd_ < 0 || signal_fd_ < 0) return;  // signals then end the process, as they do without a watch
-  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-  thread_ = std::thread([this] { Wait(); });
+  pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
+  absl::StatusOr<std::thread> thread = StartThread(
+      "waiting for signals", [this] { Wait(); }, [](const absl::Status&) {});
+  if (thread.ok()) {
+    thread_ = *std::move(thread);
+  } else {
+    pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);
+  }
 }
 
 InterruptWatch::~InterruptWatch() {
@@ -41,9 +52,9 @@ InterruptWatch::~InterruptWatch() {
     } else {
       thread_.detach();
     }
-    const sigset_t signals = WatchedSignals();
-    pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+    pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);
   }
+  if (pipe_handler_ != SIG_ERR) std::signal(SIGPIPE, pipe_handler_);
   if (wake_fd_ >= 0) close(wake_fd_);
   if (signal_fd_ >= 0) close(signal_fd_);
 }
@@ -64,8 +75,7 @@ void InterruptWatch::Wait() {
     }
   }
   // The next one takes its usual course, in this thread.
-  const sigset_t signals = WatchedSignals();
-  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);
   while (poll(&watched[1], 1, -1) < 0) {
   }
 }

@@ -1,6 +1,9 @@
-// Ctrl-C (SIGINT) and SIGTERM end a run early but in order: what was done so far is finished and written. A second
-// signal ends the process at once.
+// Ctrl-C (SIGINT), SIGTERM, and the end of the terminal (SIGHUP, unless nohup says to ignore it) end a verb early but
+// in order: what was done so far is finished and written. A second signal ends the process at once. Meanwhile a reader
+// of the output that goes away (SIGPIPE) ends nothing.
 #pragma once
+
+#include <signal.h>
 
 #include <functional>
 #include <mutex>
@@ -34,6 +37,8 @@ class InterruptWatch {
  private:
   void Wait();
 
+  sigset_t signals_;
+  void (*pipe_handler_)(int) = nullptr;
   int wake_fd_ = -1;
   int signal_fd_ = -1;
   mutable std::mutex mutex_;  // guards what follows

@@ -1,15 +1,26 @@
 // `cairn`: one binary, one verb per file.
-#include <absl/strings/numbers.h>
+#include <fcntl.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <iostream>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <string>
 #include <vector>
 
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_join.h"
 #include "base/cpu_features.h"
+#include "base/guarded.h"
 #include "base/version.h"
 #include "cli/cli.h"
 
@@ -28,26 +39,62 @@ std::vector<std::string> Arguments(int argc, char** argv) {
   return arguments;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
-  using namespace cairn::cli;
-  cv::setNumThreads(1);  // OpenCV's threads fight ours
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_ERROR);
-  spdlog::set_default_logger(spdlog::stderr_color_mt("cairn"));
-  spdlog::set_pattern("%^%l%$: %v");
-
-  if (const auto level = cairn::RequestedSimdLevel(); !level.ok()) {
-    spdlog::error("{}", std::string(level.status().message()));
-    return kUsage;
+// Files that are opened must not come to stand where standard output or error is expected: what is closed is opened in
+// a way that refuses to be written.
+void FillStandardStreams() {
+  for (int fd = 0; fd <= 2; ++fd) {
+    if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", fd == 0 ? O_WRONLY : O_RDONLY) != fd) return;
   }
+}
 
+// The last resort, where nobody caught what a library threw: a message and an exit code. Maps are good at any time.
+[[noreturn]] void EndInOrder() {
+  const absl::Status status =
+      std::current_exception() ? cairn::StatusOfException() : absl::InternalError("it ended where it never should");
+  std::fprintf(stderr, "cairn: %.*s\n", static_cast<int>(status.message().size()), status.message().data());
+  std::_Exit(cairn::cli::kFailure);
+}
+
+struct Call {
+  std::vector<std::string> arguments;
+  std::string verb;  // "eval ate"; known once it has been parsed
+  bool json = false;
+};
+
+std::string VerbNames(const CLI::App& app) {
+  return absl::StrJoin(app.get_subcommands({}), ", ",
+                       [](std::string* out, const CLI::App* verb) { out->append(verb->get_name()); });
+}
+
+// What to say of a verb that there is not; empty if there is.
+std::string UnknownVerb(const CLI::App& app, const std::vector<std::string>& arguments) {
+  const CLI::App* at = &app;
+  std::string path = "cairn";
+  for (const std::string& argument : arguments) {
+    const std::vector<const CLI::App*> verbs = at->get_subcommands({});
+    if (verbs.empty() || absl::StartsWith(argument, "-")) return "";
+    const auto named =
+        std::find_if(verbs.begin(), verbs.end(), [&](const CLI::App* verb) { return verb->get_name() == argument; });
+    if (named == verbs.end()) {
+      return absl::StrCat("there is no verb \"", argument, "\" of ", path, "; there are ", VerbNames(*at));
+    }
+    at = *named;
+    absl::StrAppend(&path, " ", argument);
+  }
+  return "";
+}
+
+int ParseAndRun(Call* call) {
+  using namespace cairn::cli;
+  if (const auto level = cairn::RequestedSimdLevel(); !level.ok()) {
+    return FailUsage("", std::string(level.status().message()), call->json);
+  }
   CLI::App app("Cairn turns camera streams into persistent maps and answers \"where is this camera?\" against them.",
                "cairn");
   app.set_version_flag("--version", std::string("cairn ") + cairn::kVersion);
   app.require_subcommand(1);
   app.footer(
-      "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged, 4 not localized, 5 version, 130 and 143 interrupted.\n"
+      "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged, 4 not localized, 5 version, 129, 130 and 143 interrupted.\n"
       "Each verb has its own --help, with examples.");
 
   Action action;
@@ -61,12 +108,66 @@ int main(int argc, char** argv) {
   AddSynthCommand(app, &action);
   AddCameraCommand(app, &action);
 
+  if (const std::string unknown = UnknownVerb(app, call->arguments); !unknown.empty()) {
+    return FailUsage("", unknown, call->json);
+  }
   try {
-    std::vector<std::string> arguments = Arguments(argc, argv);
+    std::vector<std::string> arguments = call->arguments;
     std::reverse(arguments.begin(), arguments.end());  // as CLI11 wants them
     app.parse(std::move(arguments));
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? kOk : kUsage;
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    if (call->json) return FailUsage("", error.what(), true);
+    app.exit(error);
+    return kUsage;
+  }
+  for (const CLI::App* verb = &app; !verb->get_subcommands().empty();) {
+    verb = verb->get_subcommands().front();
+    absl::StrAppend(&call->verb, call->verb.empty() ? "" : " ", verb->get_name());
   }
   return action();
+}
+
+// An answer that did not arrive is none. A reader that went away has had enough, as with any program.
+int CloseOutput(const Call& call, int code) {
+  errno = 0;
+  std::cout.flush();
+  const bool written = std::fflush(stdout) == 0 && std::ferror(stdout) == 0 && std::cout.good();
+  const int error = errno;
+  std::fflush(stderr);
+  if (written) return code;
+  const bool answered = code == cairn::cli::kOk || code == cairn::cli::kNotLocalized;
+  if (error == EPIPE) return answered ? 128 + SIGPIPE : code;
+  std::fprintf(stderr, "cairn%s%s: the answer could not be written to standard output%s%s\n",
+               call.verb.empty() ? "" : " ", call.verb.c_str(), error != 0 ? ": " : "",
+               error != 0 ? std::strerror(error) : "");
+  return answered ? static_cast<int>(cairn::cli::kFailure) : code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  FillStandardStreams();
+  std::set_terminate(EndInOrder);
+  std::signal(SIGXFSZ, SIG_IGN);  // writing beyond the limit is an error like a full disk
+  Call call;
+  int code = cairn::cli::kFailure;
+  absl::Status status = cairn::Guarded([&] {
+    cv::setNumThreads(1);  // OpenCV's threads fight ours
+    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+    spdlog::set_default_logger(spdlog::stderr_color_mt("cairn"));
+    spdlog::set_pattern("%^%l%$: %v");
+    call.arguments = Arguments(argc, argv);
+    call.json = std::find(call.arguments.begin(), call.arguments.end(), "--json") != call.arguments.end();
+    code = ParseAndRun(&call);
+    return absl::OkStatus();
+  });
+  if (!status.ok()) {
+    status = cairn::Guarded([&] {
+      code = cairn::cli::Fail(call.verb, status, call.json);
+      return absl::OkStatus();
+    });
+    if (!status.ok()) std::fputs("cairn: out of memory\n", stderr);
+  }
+  return CloseOutput(call, code);
 }

@@ -1,8 +1,10 @@
 #include "cli/run_feed.h"
 
 #include <cstdio>
+#include <iostream>
 #include <optional>
 
+#include "base/guarded.h"
 #include "cli/process_memory.h"
 #include "cli/sample_statistics.h"
 #include "direct/odometry.h"
@@ -72,19 +74,24 @@ absl::StatusOr<FeedReport> FeedSequence(const FeedSettings& settings, io::FrameS
     for (std::int64_t taken = 1;; ++taken) {
       CAIRN_ASSIGN_OR_RETURN(const std::optional<engine::FedFrame> fed, feed.Next());
       if (!fed) break;
-      CAIRN_ASSIGN_OR_RETURN(const std::string note, handle(fed->frame));
+      CAIRN_ASSIGN_OR_RETURN(const std::string note, Guarded([&] { return handle(fed->frame); }));
       const double at_s = ToSeconds(fed->frame.time_ns - source->info().first_time_ns);
       if (taken > 1) NoteGap(report.covered_s, at_s, source->info(), &report);
       report.covered_s = at_s;
-      report.prepare_ms.push_back(fed->prepare_ms);
+      report.prepare_ms.Add(fed->prepare_ms);
       if (report.realtime) {
-        report.latency_ms.push_back(std::chrono::duration<float, std::milli>(Clock::now() - fed->arrival).count());
+        report.latency_ms.Add(std::chrono::duration<float, std::milli>(Clock::now() - fed->arrival).count());
       }
       progress.Update(taken + feed.dropped(), note);
     }
     report.dropped = feed.dropped();
+    report.refused = feed.refused();
+    if (report.refused > 0 && !settings.quiet) {
+      std::cerr << "cairn " << settings.verb << ": " << report.refused
+                << " frames were left out for their times; the first: " << feed.first_refusal().message() << "\n";
+    }
   }
-  CAIRN_RETURN_IF_ERROR(finish());
+  CAIRN_RETURN_IF_ERROR(Guarded(finish));
   progress.Finish();
   report.skipped = skipped.count();
   report.elapsed_s = std::chrono::duration<double>(Clock::now() - start).count();
@@ -98,6 +105,7 @@ void AddFeedJson(const FeedReport& report, const io::SourceInfo& info, std::int6
                 {"tracked_share", Share(frames_tracked, info.num_frames)},
                 {"frames_skipped", report.skipped},
                 {"frames_dropped", report.dropped},
+                {"frames_out_of_order", report.refused},
                 {"gaps", report.gaps},
                 {"longest_gap_s", report.longest_gap_s},
                 {"longest_gap_at_s", report.longest_gap_at_s},
@@ -116,8 +124,8 @@ void PrintFeed(const FeedReport& report, const io::SourceInfo& info, std::int64_
               100.0 * Share(frames_tracked, info.num_frames), report.elapsed_s, RealtimeFactor(report), PeakMemoryMb());
   if (report.realtime) {
     std::printf("  played as a live camera: %lld frames dropped; from frame to pose %.2f ms median, %.2f ms p99\n",
-                static_cast<long long>(report.dropped), Percentile(report.latency_ms, 0.5),
-                Percentile(report.latency_ms, 0.99));
+                static_cast<long long>(report.dropped), report.latency_ms.Percentile(0.5),
+                report.latency_ms.Percentile(0.99));
   }
   if (report.skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(report.skipped));
   if (report.gaps > 0) {

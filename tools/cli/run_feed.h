@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <functional>
 #include <string>
-#include <vector>
 
+#include "base/sample_reservoir.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
 #include "cli/interrupt.h"
@@ -23,10 +23,11 @@ engine::SessionSource ToSessionSource(const io::SourceInfo& info);
 engine::RawFrame ToRaw(const io::SourceFrame& frame);
 
 struct FeedReport {
-  std::int64_t skipped = 0;       // images that could not be used
-  std::int64_t dropped = 0;       // frames that came too fast, in real time
-  std::vector<float> prepare_ms;  // undistortion and photometric correction
-  std::vector<float> latency_ms;  // from the arrival of a frame to its pose; in real time
+  std::int64_t skipped = 0;    // images that could not be used
+  std::int64_t dropped = 0;    // frames that came too fast, in real time
+  std::int64_t refused = 0;    // frames whose time does not follow that of the one before
+  SampleReservoir prepare_ms;  // undistortion and photometric correction
+  SampleReservoir latency_ms;  // from the arrival of a frame to its pose; in real time
   double elapsed_s = 0.0;
   double covered_s = 0.0;  // of the recording
   // Stretches without images: of more than half a second and five times the time between two.

@@ -1,9 +1,13 @@
 // cairn run --map: maps a sequence into a map file.
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
+#include <filesystem>
 #include <fstream>
 
+#include "base/guarded.h"
 #include "base/version.h"
 #include "cli/pictures.h"
 #include "cli/run_options.h"
@@ -48,8 +52,8 @@ nlohmann::ordered_json StageStatistics(const std::vector<mapping::KeyframeReport
                                                                       {"commit", &StageTimes::commit_ms}};
   nlohmann::ordered_json stages;
   for (const auto& [name, time] : kStages) {
-    std::vector<float> samples;
-    for (const mapping::KeyframeReport& report : reports) samples.push_back(static_cast<float>(report.times.*time));
+    SampleReservoir samples;
+    for (const mapping::KeyframeReport& report : reports) samples.Add(static_cast<float>(report.times.*time));
     stages[name] = SampleStatistics(samples);
   }
   return stages;
@@ -114,11 +118,13 @@ void PrintParts(const std::vector<engine::MapPart>& parts, TimeNs first_ns) {
   }
 }
 
-void PrintReport(const RunOptions& options, const engine::SessionReport& report, const map::Session& session,
+void PrintReport(const RunOptions& options, const engine::SessionReport& report, const map::Snapshot& map,
                  const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt,
                  std::optional<std::int64_t> live_poses) {
+  const map::Session& session = map.sessions().rbegin()->second;
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}};
+    AddFrameAndUnit(map.info().world_from_map.has_value(), &json);
     AddFeedJson(feed, info, report.frames_tracked, interrupt, &json);
     json.update({{"direct_keyframes", report.direct_keyframes},
                  {"keyframes", report.keyframes},
@@ -148,7 +154,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
               static_cast<long long>(report.points));
   PrintFeed(feed, info, report.frames_tracked, interrupt);
   std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
-              Percentile(report.frame_ms, 0.5), Mean(report.frame_ms), Percentile(report.keyframe_ms, 0.5));
+              report.frame_ms.Percentile(0.5), report.frame_ms.mean(), report.keyframe_ms.Percentile(0.5));
   PrintLoopsAndTrajectory(session, "  ");
   PrintParts(report.parts, session.first_ns);
   if (report.lens) std::printf("  lens %s\n", report.lens->reason.c_str());
@@ -173,13 +179,19 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
 }  // namespace
 
 absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
-  for (const std::string* output : {&options.trajectory, &options.live_poses, &options.keyframes, &options.picture}) {
+  for (const std::string* output : {&options.trajectory, &options.keyframes, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
+  // Somebody may follow the live poses through a pipe.
+  std::error_code error;
+  if (!std::filesystem::is_fifo(options.live_poses, error)) {
+    CAIRN_RETURN_IF_ERROR(CheckWritable(options.live_poses, options.overwrite));
+  }
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.map, options.overwrite, /*is_map=*/true));
+  std::vector<std::string> inputs = InputFiles(options.input);
+  inputs.insert(inputs.end(), {options.poses, options.vocabulary});
   CAIRN_RETURN_IF_ERROR(
-      CheckDistinct({options.map, options.trajectory, options.live_poses, options.keyframes, options.picture},
-                    {options.input.sequence, options.input.open.camera_path, options.poses, options.vocabulary}));
+      CheckDistinct({options.map, options.trajectory, options.live_poses, options.keyframes, options.picture}, inputs));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
   CAIRN_ASSIGN_OR_RETURN(place::Vocabulary vocabulary, options.vocabulary.empty()
@@ -231,10 +243,68 @@ std::vector<std::pair<TimeNs, SE3>> MapKeyframePoses(const map::Snapshot& map) {
 
 absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map,
                              const std::vector<std::pair<TimeNs, SE3>>& frame_poses) {
-  CAIRN_RETURN_IF_ERROR(WritePoses(options.trajectory, frame_poses, map, options.overwrite));
-  CAIRN_RETURN_IF_ERROR(WritePoses(options.keyframes, MapKeyframePoses(map), map, options.overwrite));
-  return options.picture.empty() ? absl::OkStatus() : DrawMap(map, options.picture);
+  return Guarded([&] {
+    absl::Status status = WritePoses(options.trajectory, frame_poses, map, options.overwrite);
+    status.Update(WritePoses(options.keyframes, MapKeyframePoses(map), map, options.overwrite));
+    if (!options.picture.empty()) status.Update(DrawMap(map, options.picture));
+    return status;
+  });
 }
+
+namespace {
+
+// Of the largest part of the map.
+std::vector<std::pair<TimeNs, SE3>> PosesToReport(const std::vector<engine::FramePose>& frames) {
+  std::vector<std::pair<TimeNs, SE3>> poses;
+  for (const engine::FramePose& frame : frames) {
+    if (frame.part == 0) poses.emplace_back(frame.time_ns, *frame.map_from_camera);
+  }
+  return poses;
+}
+
+// A run that cannot go on: the poses so far are known, though the map may not be writable any more.
+absl::Status KeepWhatIsKnown(const RunOptions& options, const engine::Session& session, const engine::MapWriter& writer,
+                             const absl::Status& error) {
+  return Guarded([&] {
+    const std::vector<std::pair<TimeNs, SE3>> poses = PosesToReport(session.FramePoses());
+    if (poses.empty()) return error;
+    return AfterError(error, {options.trajectory, options.keyframes, options.picture},
+                      WriteMapOutputs(options, *writer.Current(), poses));
+  });
+}
+
+// The pose of each frame as soon as it is tracked. What cannot be written ends these poses, not the run.
+class LiveFile {
+ public:
+  explicit LiveFile(const std::string& path) : path_(path) {
+    if (path_.empty()) return;
+    errno = 0;
+    file_.open(path_);
+    if (!file_) Fail();
+  }
+
+  void Write(TimeNs time_ns, const SE3& pose) {
+    if (path_.empty() || !status_.ok()) return;
+    file_ << io::FormatTumLine({time_ns, pose}) << std::flush;
+    if (!file_) return Fail();
+    ++count_;
+  }
+  std::optional<std::int64_t> count() const { return path_.empty() ? std::nullopt : std::optional(count_); }
+  const absl::Status& status() const { return status_; }
+
+ private:
+  void Fail() {
+    status_ = absl::UnavailableError(
+        absl::StrCat("the live poses could not all be written to ", path_, ": ", std::strerror(errno)));
+  }
+
+  const std::string path_;
+  std::ofstream file_;
+  std::int64_t count_ = 0;
+  absl::Status status_;
+};
+
+}  // namespace
 
 absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(MapRun run, PrepareMapRun(options));
@@ -244,40 +314,34 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
       const std::unique_ptr<engine::Session> session,
       engine::Session::Create(session_options, run.session_source, &run.vocabulary, run.writer.get()));
   engine::SessionReport report;
-  std::ofstream live;
-  std::int64_t live_poses = 0;
-  if (!options.live_poses.empty()) {
-    live.open(options.live_poses);
-    if (!live) return absl::PermissionDeniedError(absl::StrCat(options.live_poses, " cannot be written"));
-  }
+  LiveFile live(options.live_poses);
+  CAIRN_RETURN_IF_ERROR(live.status());
   const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
-    if (live.is_open()) {
-      const std::optional<SE3> pose = session->PoseInMap(result);
-      if (pose) {
-        live << io::FormatTumLine({result.time_ns, *pose}) << std::flush;
-        ++live_poses;
-      }
-      if (!live) return absl::DataLossError(absl::StrCat(options.live_poses, ": cannot be written"));
+    if (live.count()) {
+      if (const std::optional<SE3> pose = session->PoseInMap(result)) live.Write(result.time_ns, *pose);
     }
     const bool waits = result.state == direct::TrackingState::kInitializing;
     return waits ? result.message : absl::StrCat(session->KeyframesInMap(), " keyframes");
   };
+  bool finishing = false;
   const auto finish = [&]() -> absl::Status {
+    finishing = true;
     CAIRN_ASSIGN_OR_RETURN(report, session->Finish());
     return absl::OkStatus();
   };
-  CAIRN_ASSIGN_OR_RETURN(const FeedReport feed, FeedSequence(ToFeedSettings(options, "mapping"), run.source.get(),
-                                                             session->preparation(), interrupt, add, finish));
-  std::vector<std::pair<TimeNs, SE3>> frame_poses;
-  for (const engine::FramePose& frame : report.frame_poses) {
-    if (frame.part == 0) frame_poses.emplace_back(frame.time_ns, *frame.map_from_camera);
-  }
-  CAIRN_RETURN_IF_ERROR(run.writer->Close());
-  CAIRN_RETURN_IF_ERROR(WriteMapOutputs(options, *run.writer->Current(), frame_poses));
-  PrintReport(options, report, run.writer->Current()->sessions().rbegin()->second, run.source->info(), feed, *interrupt,
-              live.is_open() ? std::optional(live_poses) : std::nullopt);
-  return absl::OkStatus();
+  const absl::StatusOr<FeedReport> feed = FeedSequence(ToFeedSettings(options, "mapping"), run.source.get(),
+                                                       session->preparation(), interrupt, add, finish);
+  // An error of the input leaves a session that can be finished.
+  const bool finished = feed.ok() || (!finishing && Guarded(finish).ok());
+  if (!finished) return KeepWhatIsKnown(options, *session, *run.writer, feed.status());
+  const absl::Status closed = run.writer->Close();
+  const absl::Status written = WriteMapOutputs(options, *run.writer->Current(), PosesToReport(report.frame_poses));
+  const absl::Status error = feed.ok() ? closed : feed.status();
+  if (!error.ok()) return AfterError(error, {options.trajectory, options.keyframes, options.picture}, written);
+  CAIRN_RETURN_IF_ERROR(written);
+  PrintReport(options, report, *run.writer->Current(), run.source->info(), *feed, *interrupt, live.count());
+  return live.status();
 }
 
 }  // namespace cairn::cli

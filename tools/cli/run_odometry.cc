@@ -1,6 +1,7 @@
 // cairn run --odometry-only: the poses of a sequence's frames by the direct odometry alone.
 #include <cstdio>
 
+#include "base/guarded.h"
 #include "cli/run_options.h"
 #include "cli/sample_statistics.h"
 #include "engine/odometry_session.h"
@@ -17,21 +18,22 @@ absl::Status WritePoses(const RunOptions& options, const engine::OdometryReport&
   if (report.segments > 1) {
     absl::StrAppend(&write.comment, ", segment ", report.longest_segment + 1, " of ", report.segments);
   }
+  absl::Status status;
   if (!options.trajectory.empty()) {
     std::vector<io::StampedPose> poses;
     for (const engine::DirectFramePose& frame : report.frame_poses) {
       if (frame.segment == report.longest_segment) poses.push_back({frame.time_ns, frame.direct_from_camera});
     }
-    CAIRN_RETURN_IF_ERROR(io::WriteTumTrajectory(options.trajectory, poses, write));
+    status.Update(io::WriteTumTrajectory(options.trajectory, poses, write));
   }
   if (!options.keyframes.empty()) {
     std::vector<io::StampedPose> poses;
     for (const direct::KeyframePose& keyframe : report.keyframe_poses) {
       if (keyframe.segment == report.longest_segment) poses.push_back({keyframe.time_ns, keyframe.direct_from_camera});
     }
-    CAIRN_RETURN_IF_ERROR(io::WriteTumTrajectory(options.keyframes, poses, write));
+    status.Update(io::WriteTumTrajectory(options.keyframes, poses, write));
   }
-  return absl::OkStatus();
+  return status;
 }
 
 void PrintReport(const RunOptions& options, const engine::OdometryReport& report, const io::SourceInfo& info,
@@ -42,6 +44,8 @@ void PrintReport(const RunOptions& options, const engine::OdometryReport& report
     AddFeedJson(feed, info, report.frames_tracked, interrupt, &json);
     json.update({{"direct_keyframes", keyframes},
                  {"segments", report.segments},
+                 {"frame", "direct"},
+                 {"unit", "of the segment: its scale is arbitrary"},
                  {"trajectory_segment", report.longest_segment + 1},
                  {"trajectory_frames", report.longest_segment_frames},
                  {"frame_ms", SampleStatistics(report.frame_ms)},
@@ -52,8 +56,8 @@ void PrintReport(const RunOptions& options, const engine::OdometryReport& report
   std::printf("%s: %lld keyframes of the odometry\n", info.name.c_str(), keyframes);
   PrintFeed(feed, info, report.frames_tracked, interrupt);
   std::printf("  per frame %.2f ms median, %.2f ms mean; tracking alone %.2f ms median, %.2f ms mean\n",
-              Percentile(report.frame_ms, 0.5), Mean(report.frame_ms),
-              Percentile(report.odometry.track.samples_ms, 0.5), Mean(report.odometry.track.samples_ms));
+              report.frame_ms.Percentile(0.5), report.frame_ms.mean(), report.odometry.track.samples_ms.Percentile(0.5),
+              report.odometry.track.samples_ms.mean());
   if (report.segments > 1) {
     std::printf(
         "  tracking was lost and started anew: %lld segments, each with an origin and a scale of its own;\n"
@@ -69,8 +73,7 @@ absl::Status TrackSequence(const RunOptions& options, InterruptWatch* interrupt)
   for (const std::string* output : {&options.trajectory, &options.keyframes}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
-  CAIRN_RETURN_IF_ERROR(
-      CheckDistinct({options.trajectory, options.keyframes}, {options.input.sequence, options.input.open.camera_path}));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.trajectory, options.keyframes}, InputFiles(options.input)));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
   engine::OdometrySessionOptions session_options;
   session_options.deterministic = options.session.deterministic;
@@ -87,10 +90,17 @@ absl::Status TrackSequence(const RunOptions& options, InterruptWatch* interrupt)
     CAIRN_ASSIGN_OR_RETURN(report, session->Finish());
     return absl::OkStatus();
   };
-  CAIRN_ASSIGN_OR_RETURN(const FeedReport feed, FeedSequence(ToFeedSettings(options, "tracking"), source.get(),
-                                                             session->preparation(), interrupt, add, finish));
+  const absl::StatusOr<FeedReport> feed =
+      FeedSequence(ToFeedSettings(options, "tracking"), source.get(), session->preparation(), interrupt, add, finish);
+  if (!feed.ok()) {  // what was tracked until then is known nevertheless
+    session->Finish().IgnoreError();
+    const absl::StatusOr<engine::OdometryReport> until_then = Guarded([&] { return session->Report(); });
+    if (!until_then.ok()) return feed.status();
+    return AfterError(feed.status(), {options.trajectory, options.keyframes},
+                      Guarded([&] { return WritePoses(options, *until_then); }));
+  }
   CAIRN_RETURN_IF_ERROR(WritePoses(options, report));
-  PrintReport(options, report, source->info(), feed, *interrupt);
+  PrintReport(options, report, source->info(), *feed, *interrupt);
   return absl::OkStatus();
 }
 

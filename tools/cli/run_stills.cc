@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <optional>
 
+#include "base/guarded.h"
 #include "cli/run_options.h"
 #include "engine/posed_session.h"
 #include "io/trajectory.h"
@@ -44,19 +45,28 @@ absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
       } else if (pose == nullptr) {
         skipped.Add(frame->path, absl::NotFoundError(absl::StrCat("no pose for it in ", options.poses)));
       } else {
-        CAIRN_RETURN_IF_ERROR(session->AddFrame(ToRaw(*frame), pose->world_from_camera));
-        ++used;
+        const absl::Status added = Guarded([&] { return session->AddFrame(ToRaw(*frame), pose->world_from_camera); });
+        if (absl::IsInvalidArgument(added)) {
+          skipped.Add(frame->path, added);
+        } else {
+          CAIRN_RETURN_IF_ERROR(added);
+          ++used;
+        }
       }
       progress.Update(frame->index + 1);
     }
   }
   progress.Finish();
   CAIRN_ASSIGN_OR_RETURN(const mapping::PosedMapperReport report, session->Finish());
-  CAIRN_RETURN_IF_ERROR(run.writer->Close());
+  const absl::Status closed = run.writer->Close();
   const std::shared_ptr<const map::Snapshot> map = run.writer->Current();
-  CAIRN_RETURN_IF_ERROR(WriteMapOutputs(options, *map, MapKeyframePoses(*map)));
+  const absl::Status written = WriteMapOutputs(options, *map, MapKeyframePoses(*map));
+  if (!closed.ok()) return AfterError(closed, {options.trajectory, options.keyframes, options.picture}, written);
+  CAIRN_RETURN_IF_ERROR(written);
   if (options.json) {
     PrintJson({{"map", options.map},
+               {"frame", "world"},
+               {"unit", "m"},
                {"frames", info.num_frames},
                {"frames_used", used},
                {"frames_skipped", skipped.count()},
@@ -64,10 +74,14 @@ absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
                {"keyframes", report.keyframes},
                {"points", report.points},
                {"observations", report.observations},
-               {"rmse_px", report.rmse_px}});
+               {"rmse_px", report.rmse_px},
+               {"poses_fit_share", report.fit.share},
+               {"poses_inverted_fit_share", report.fit.inverted_share}});
   } else {
     std::printf("%s: %d keyframes with given poses, %d points, reprojection %.2f px RMSE\n", options.map.c_str(),
                 report.keyframes, report.points, report.rmse_px);
+    std::printf("  the given poses explain %.0f %% of %d matches between %d pairs of images\n",
+                100.0 * report.fit.share, report.fit.matches, report.fit.pairs);
     if (skipped.count() > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped.count()));
     if (interrupt->exit_code() != 0) std::printf("  interrupted: the map holds the images up to there\n");
   }

@@ -20,6 +20,8 @@ nlohmann::ordered_json LoopsAsJson(const map::Session& session) {
                      {"matches", loop.matches},
                      {"scale", loop.scale},
                      {"shift", loop.shift},
+                     {"frame", "map"},
+                     {"unit", "map units"},
                      {"turn_deg", loop.turn_rad * kDegreesPerRadian},
                      {"way", loop.way}});
   }

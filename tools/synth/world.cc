@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
-#include <thread>
 
+#include "base/guarded.h"
 #include "base/random.h"
 #include "synth/world_builder.h"
 
@@ -132,10 +132,7 @@ World WorldBuilder::Finish() {
       world_.textures_[i] = Texture(PaintTexture(paints_[i], world_.quads_[i]));
     }
   };
-  std::vector<std::thread> threads;
-  for (int i = 1; i < world_.options_.threads; ++i) threads.emplace_back(work);
-  work();
-  for (std::thread& thread : threads) thread.join();
+  RunInThreads(world_.options_.threads, work);
   for (Quad& quad : world_.quads_) {
     const Texture& texture = world_.textures_[static_cast<std::size_t>(quad.texture)];
     quad.texels_per_m_u = static_cast<float>(texture.width()) / quad.size_u_m;

@@ -5,11 +5,11 @@
 #include <filesystem>
 #include <fstream>
 #include <mutex>
-#include <thread>
 #include <vector>
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "base/guarded.h"
 #include "io/atomic_file.h"
 #include "io/image_codecs.h"
 #include "io/trajectory.h"
@@ -87,10 +87,7 @@ absl::Status RenderAll(const Sequence& sequence, const DatasetOptions& options, 
       stop = true;
     }
   };
-  std::vector<std::thread> threads;
-  for (int k = 1; k < options.threads; ++k) threads.emplace_back(work);
-  work();
-  for (std::thread& thread : threads) thread.join();
+  RunInThreads(options.threads, work);
   return failure;
 }
 
