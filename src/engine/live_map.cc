@@ -1,8 +1,9 @@
 #include "engine/live_map.h"
 
 #include <algorithm>
-#include <exception>
 #include <utility>
+
+#include "base/guarded.h"
 
 namespace cairn::engine {
 
@@ -118,17 +119,9 @@ absl::StatusOr<Revision> LiveMap::Edit(
   return editor.View()->revision();
 }
 
-// The store's exceptions (memory that runs out, above all) as its errors.
-absl::Status LiveMap::StoreGuarded(const map::Delta& delta) {
-  try {
-    return store_->Commit(delta);
-  } catch (const std::exception& error) {
-    return absl::InternalError(absl::StrCat("map ", uri(), ": storing a change failed: ", error.what()));
-  }
-}
-
 absl::Status LiveMap::Store(Pending change) {
-  const absl::Status stored = StoreGuarded(*change.delta);
+  // Its exceptions, memory that runs out above all, as its errors.
+  const absl::Status stored = Guarded([&] { return store_->Commit(*change.delta); });
   const std::lock_guard lock(mutex_);
   failure_.Update(stored);
   if (!failure_.ok()) return failure_;
@@ -151,9 +144,17 @@ void LiveMap::Publish(Pending change) {
   }
 }
 
-void LiveMap::StoreInBackground() {
+absl::Status LiveMap::StoreInBackground() {
   const std::lock_guard editing(edit_mutex_);
-  if (!thread_.joinable()) thread_ = std::thread([this] { StoreChanges(); });
+  if (thread_.joinable()) return absl::OkStatus();
+  CAIRN_ASSIGN_OR_RETURN(thread_, StartThread("storing changes of the map", [this] { StoreChanges(); },
+                                              [this](const absl::Status& status) {
+                                                const std::lock_guard lock(mutex_);
+                                                failure_.Update(status);
+                                                under_way_.reset();
+                                                changed_.notify_all();
+                                              }));
+  return absl::OkStatus();
 }
 
 void LiveMap::StoreChanges() {

@@ -100,8 +100,8 @@ class LiveMap {
   absl::StatusOr<Revision> Edit(
       const std::function<absl::StatusOr<std::optional<map::Delta>>(const map::Snapshot& head)>& make);
 
-  // From now on a thread makes changes durable, while editors go on.
-  void StoreInBackground();
+  // From now on a thread makes changes durable, while editors go on. ResourceExhausted if none can be had.
+  absl::Status StoreInBackground();
   // Waits until all changes so far are durable; the error if they cannot be.
   absl::Status Flush();
 
@@ -123,7 +123,6 @@ class LiveMap {
   LiveMap(std::unique_ptr<store::MapStore> store, std::shared_ptr<const tracking::MapView> view);
   absl::Status Commit(map::Delta delta, const mapping::KeyframeScales& scales);
   absl::Status Store(Pending change);
-  absl::Status StoreGuarded(const map::Delta& delta);
   void Publish(Pending change);
   void StoreChanges();
   void StopThread();

@@ -149,7 +149,7 @@ std::vector<TrajectoryKeyframe> KeyframeTrajectory::Resolve(const map::Snapshot&
   return resolved;
 }
 
-std::optional<SE3> FramePose(const std::vector<TrajectoryKeyframe>& keyframes, const direct::FrameResult& frame) {
+std::optional<SE3> PoseOfFrame(const std::vector<TrajectoryKeyframe>& keyframes, const direct::FrameResult& frame) {
   if (frame.keyframe < 0) return std::nullopt;
   const auto at = std::lower_bound(keyframes.begin(), keyframes.end(), frame.keyframe,
                                    [](const TrajectoryKeyframe& k, std::int64_t id) { return k.direct_keyframe < id; });

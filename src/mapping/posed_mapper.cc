@@ -55,15 +55,14 @@ absl::Status PosedMapperOptions::Validate() const {
 
 class PosedMapper::Impl {
  public:
-  Impl(const PosedMapperOptions& options, std::shared_ptr<const map::Snapshot> map, SessionId session, CameraId camera,
-       const place::Vocabulary* vocabulary, Commit commit)
+  Impl(const PosedMapperOptions& options, MapHead* head, SessionId session, CameraId camera)
       : options_(options),
-        map_(std::move(map)),
+        head_(head),
+        map_(head->View()->snapshot()),
         session_(session),
         camera_(camera),
         pinhole_(map_->pinhole(camera)),
-        vocabulary_(vocabulary),
-        commit_(std::move(commit)),
+        vocabulary_(head->View()->places() == nullptr ? nullptr : &head->View()->places()->vocabulary()),
         extractor_(map_->info().orb) {
     component_ = AlignedComponent(*map_);
     if (component_) map_from_world_ = map_->WorldFrom(component_)->Inverse();
@@ -71,7 +70,6 @@ class PosedMapper::Impl {
 
   absl::StatusOr<int> Add(const PosedImage& image);
   absl::StatusOr<PosedMapperReport> Finish();
-  const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
 
  private:
   struct View {
@@ -89,12 +87,12 @@ class PosedMapper::Impl {
   absl::StatusOr<PosedMapperReport> CommitAll(map::Edit edit, PosedMapperReport report);
 
   const PosedMapperOptions options_;
+  MapHead* const head_;
   std::shared_ptr<const map::Snapshot> map_;
   const SessionId session_;
   const CameraId camera_;
   const Pinhole pinhole_;
-  const place::Vocabulary* const vocabulary_;
-  const Commit commit_;
+  const place::Vocabulary* const vocabulary_;  // of the view; null: none
   const image::OrbExtractor extractor_;
   ComponentId component_;  // that the views join; none: one is made
   Sim3 map_from_world_;
@@ -276,6 +274,8 @@ void PosedMapper::Impl::DropUnconnected(map::Edit& edit, PosedMapperReport* repo
 absl::StatusOr<PosedMapperReport> PosedMapper::Impl::Finish() {
   if (finished_) return absl::FailedPreconditionError("posed mapper: the map is finished already");
   finished_ = true;
+  map_ = head_->View()->snapshot();  // others may have changed it
+  component_ = AlignedComponent(*map_);
   map::Edit edit(map_);
   if (!component_) {
     map::Component component;
@@ -308,8 +308,8 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::CommitAll(map::Edit edit, P
   report.keyframes = static_cast<int>(ids_.size()) - report.keyframes_without_points;
   report.points = static_cast<int>(delta.points.size());
   for (const auto& point : delta.points) report.observations += static_cast<int>(point->observations.size());
-  CAIRN_ASSIGN_OR_RETURN(map_, commit_(std::move(delta)));
-  if (map_ == nullptr) return absl::InternalError("the commit function returned no map");
+  CAIRN_RETURN_IF_ERROR(head_->Commit(std::move(delta), {}));
+  map_ = head_->View()->snapshot();
   std::vector<double> changes;
   for (std::size_t i = 0; i < ids_.size(); ++i) {
     const map::Keyframe* keyframe = map_->keyframes().Find(ids_[i]);
@@ -324,26 +324,22 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::CommitAll(map::Edit edit, P
 PosedMapper::PosedMapper(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 PosedMapper::~PosedMapper() = default;
 
-absl::StatusOr<std::unique_ptr<PosedMapper>> PosedMapper::Create(const PosedMapperOptions& options,
-                                                                 std::shared_ptr<const map::Snapshot> map,
-                                                                 SessionId session, CameraId camera,
-                                                                 const place::Vocabulary* vocabulary, Commit commit) {
+absl::StatusOr<std::unique_ptr<PosedMapper>> PosedMapper::Create(const PosedMapperOptions& options, MapHead* head,
+                                                                 SessionId session, CameraId camera) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
-  if (map == nullptr || !commit) return absl::InvalidArgumentError("posed mapper: needs a map and a commit function");
-  if (!map->sessions().contains(session) || !map->cameras().contains(camera)) {
+  const map::Snapshot& map = head->View()->map();
+  if (!map.sessions().contains(session) || !map.cameras().contains(camera)) {
     return absl::InvalidArgumentError(
         absl::StrCat("posed mapper: the map has no session ", session.value(), " or no camera ", camera.value()));
   }
-  if (!map->keyframes().empty() && !AlignedComponent(*map)) {
+  if (!map.keyframes().empty() && !AlignedComponent(map)) {
     return absl::FailedPreconditionError(
         "posed mapper: the map is not aligned to the world of the poses; align it first (`cairn align`)");
   }
-  return std::unique_ptr<PosedMapper>(
-      new PosedMapper(std::make_unique<Impl>(options, std::move(map), session, camera, vocabulary, std::move(commit))));
+  return std::unique_ptr<PosedMapper>(new PosedMapper(std::make_unique<Impl>(options, head, session, camera)));
 }
 
 absl::StatusOr<int> PosedMapper::Add(const PosedImage& image) { return impl_->Add(image); }
 absl::StatusOr<PosedMapperReport> PosedMapper::Finish() { return impl_->Finish(); }
-const std::shared_ptr<const map::Snapshot>& PosedMapper::map() const { return impl_->map(); }
 
 }  // namespace cairn::mapping

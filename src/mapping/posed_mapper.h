@@ -7,7 +7,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <opencv2/core.hpp>
 
@@ -15,7 +14,7 @@
 #include "base/time.h"
 #include "map/edit.h"
 #include "mapping/pose_check.h"
-#include "place/vocabulary.h"
+#include "mapping/map_head.h"
 
 namespace cairn::mapping {
 
@@ -56,13 +55,9 @@ struct PosedMapperReport {
 
 class PosedMapper {
  public:
-  using Commit = std::function<absl::StatusOr<std::shared_ptr<const map::Snapshot>>(map::Delta)>;
-
   // As FeatureMapper::Create. FailedPrecondition if the map has keyframes but no aligned component.
-  static absl::StatusOr<std::unique_ptr<PosedMapper>> Create(const PosedMapperOptions& options,
-                                                             std::shared_ptr<const map::Snapshot> map,
-                                                             SessionId session, CameraId camera,
-                                                             const place::Vocabulary* vocabulary, Commit commit);
+  static absl::StatusOr<std::unique_ptr<PosedMapper>> Create(const PosedMapperOptions& options, MapHead* head,
+                                                             SessionId session, CameraId camera);
   ~PosedMapper();
   PosedMapper(const PosedMapper&) = delete;
   PosedMapper& operator=(const PosedMapper&) = delete;
@@ -71,12 +66,9 @@ class PosedMapper {
   // finite. Returns the number of features.
   absl::StatusOr<int> Add(const PosedImage& image);
 
-  // Matches, triangulates, adjusts and commits: the map is complete after it. FailedPrecondition if fewer than two
+  // While the head is the caller's: matches, triangulates, adjusts and commits: the map is complete after it. FailedPrecondition if fewer than two
   // views share points, or the poses do not fit the images. Nothing may be added afterwards.
   absl::StatusOr<PosedMapperReport> Finish();
-
-  // The map after the last commit.
-  const std::shared_ptr<const map::Snapshot>& map() const;
 
  private:
   class Impl;
