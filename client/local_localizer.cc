@@ -83,7 +83,7 @@ absl::StatusOr<std::unique_ptr<LocalLocalizer>> LocalLocalizer::Open(const std::
                                                                      const LocalLocalizerOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   auto localizer = std::unique_ptr<LocalLocalizer>(new LocalLocalizer(options));
-  CAIRN_ASSIGN_OR_RETURN(localizer->file_, store::MapFile::OpenReadOnly(path));
+  CAIRN_ASSIGN_OR_RETURN(localizer->file_, store::OpenMapStore(path, store::OpenMode::kRead));
   const absl::StatusOr<std::string> bytes = localizer->file_->LoadVocabulary();
   if (absl::IsNotFound(bytes.status())) {
     return absl::FailedPreconditionError(

@@ -12,7 +12,7 @@
 #include "image/undistort.h"
 #include "map/snapshot.h"
 #include "place/vocabulary.h"
-#include "store/map_file.h"
+#include "store/map_store.h"
 #include "tracking/place_database.h"
 #include "tracking/relocalizer.h"
 
@@ -52,7 +52,7 @@ class LocalLocalizer : public api::Localizer {
 
   LocalLocalizerOptions options_;
   tracking::Relocalizer relocalizer_;
-  std::unique_ptr<store::MapFile> file_;
+  std::unique_ptr<store::MapStore> file_;
   std::shared_ptr<const place::Vocabulary> vocabulary_;
   std::shared_ptr<const map::Snapshot> snapshot_;
   std::unique_ptr<tracking::PlaceDatabase> places_;

@@ -13,8 +13,7 @@
 
 #include "base/status.h"
 #include "map/snapshot.h"
-#include "store/map_file.h"
-#include "store/writer_lock.h"
+#include "store/map_store.h"
 
 namespace cairn::engine {
 
@@ -32,8 +31,7 @@ class MapWriter {
   // An existing map, to be changed further.
   static absl::StatusOr<std::unique_ptr<MapWriter>> Open(const std::string& path);
 
-  // Closes the file; a map that was to be overwritten is replaced now, in one step. Current() stays. Until then the new
-  // map is beside it, in `path`.new, so that a killed run loses neither.
+  // Closes the store; a map that was to be overwritten is replaced now, in one step. Current() stays.
   absl::Status Close();
 
   // One call at a time. The map in memory, the file and the published snapshot change together or not at all; with
@@ -49,24 +47,18 @@ class MapWriter {
   // The newest revision; from any thread.
   std::shared_ptr<const map::Snapshot> Current() const;
 
-  bool file_exists() const { return file_ != nullptr; }
+  bool file_exists() const { return store_ && store_->writable() && has_keyframes_; }
   const std::string& path() const { return path_; }
 
   ~MapWriter();
 
  private:
   MapWriter() = default;
-  absl::Status CreateFile();
   void StoreChanges();
-  absl::Status Replace();
 
   std::string path_;
-  std::string file_path_;                        // where the file is written: `path_`, or beside it
-  std::unique_ptr<store::WriterLock> replaced_;  // of the map that is to be overwritten
-  CreateOptions options_;
-  std::unique_ptr<store::MapFile> file_;
-  std::shared_ptr<const map::Snapshot> initial_;
-  std::vector<map::Delta> waiting_;  // for the file
+  std::unique_ptr<store::MapStore> store_;
+  bool has_keyframes_ = false;  // so that there is a file
   mutable std::mutex mutex_;         // guards current_
   std::shared_ptr<const map::Snapshot> current_;
 

@@ -70,7 +70,7 @@ TEST(MapWriter, AChangeThatCannotBeStoredStopsAllThatFollow) {
   EXPECT_THAT(std::string(writer->Flush().message()), HasSubstr("change rejected"));
   EXPECT_FALSE(writer->Commit(grower.AddKeyframe(writer->Current())).ok());
   EXPECT_FALSE(writer->Close().ok());
-  const auto file = store::MapFile::OpenReadOnly(folder.File("map.cairn"));
+  const auto file = store::OpenMapStore(folder.File("map.cairn"), store::OpenMode::kRead);
   ASSERT_TRUE(file.ok()) << file.status();
   const auto stored = (*file)->LoadSnapshot();
   ASSERT_TRUE(stored.ok()) << stored.status();

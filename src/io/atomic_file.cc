@@ -10,6 +10,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <random>
 #include <sstream>
 #include <vector>
 
@@ -51,6 +52,18 @@ absl::Status WriteAll(int file, absl::string_view contents, const std::string& p
   return absl::OkStatus();
 }
 
+// A new file beside `path`, with the permissions that any new file gets (mkstemp's has none for others, and to ask for
+// the process's mask means to change it under all other threads). -1 and errno on failure.
+int OpenTemporary(const std::string& path, std::string* temporary) {
+  std::random_device random;
+  for (int attempt = 0; attempt < 100; ++attempt) {
+    *temporary = absl::StrCat(path, ".", absl::Hex(random(), absl::kZeroPad8));
+    const int file = open(temporary->c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (file >= 0 || errno != EEXIST) return file;
+  }
+  return -1;
+}
+
 absl::Status MoveIntoPlace(const std::string& temporary, const std::string& path, bool overwrite) {
   if (!overwrite) {
     // Refuses atomically where the file system can; else the check at the start has to do.
@@ -70,13 +83,10 @@ absl::Status WriteFileAtomically(const std::string& path, absl::string_view cont
     return absl::InvalidArgumentError(absl::StrCat(path, " is a folder; give a file name"));
   }
   if (!overwrite && std::filesystem::exists(path, ignored)) return AlreadyThere(path);
-  std::string temporary = path + ".XXXXXX";
-  const int file = mkstemp(temporary.data());
+  std::string temporary;
+  const int file = OpenTemporary(path, &temporary);
   if (file < 0) return SystemError("writing", path);
-  const mode_t mask = umask(0);
-  umask(mask);
   absl::Status status = WriteAll(file, contents, path);
-  if (status.ok() && fchmod(file, 0666 & ~mask) != 0) status = SystemError("writing", path);
   if (close(file) != 0 && status.ok()) status = SystemError("writing", path);
   if (status.ok()) status = MoveIntoPlace(temporary, path, overwrite);
   if (!status.ok()) unlink(temporary.c_str());

@@ -1,6 +1,8 @@
 #include "store/map_reader.h"
 
 #include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <unordered_map>
 #include <utility>
 
@@ -15,6 +17,26 @@ std::string Describe(const Finding& finding) {
   if (finding.table.empty()) return finding.message;
   if (finding.id == 0) return absl::StrCat("table ", finding.table, ": ", finding.message);
   return absl::StrCat("table ", finding.table, " row ", finding.id, ": ", finding.message);
+}
+
+// What is wrong with values that are read by number or cast to one later; empty if nothing.
+absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const map::MapCamera* camera, int num_levels,
+                                std::optional<std::uint32_t> num_words) {
+  if (camera == nullptr) return "its camera is missing";
+  // A lens that is corrected moves keypoints beyond the edge of the image, by far less than the image.
+  const auto width = static_cast<float>(camera->pinhole.width_px);
+  const auto height = static_cast<float>(camera->pinhole.height_px);
+  const auto within = [](float px, float size) { return px >= -size && px <= 2.0f * size; };
+  for (const image::Keypoint& keypoint : features.features.keypoints) {
+    if (keypoint.octave >= num_levels) return "keypoints: an octave is out of range";
+    if (!within(keypoint.x_px, width) || !within(keypoint.y_px, height)) return "keypoints: one is outside of the image";
+    if (!(std::abs(keypoint.angle_rad) <= 7.0f)) return "keypoints: an angle is out of range";
+  }
+  if (!num_words) return {};
+  for (const std::uint32_t word : features.words) {
+    if (word >= *num_words) return "words: the vocabulary has none of that number";
+  }
+  return {};
 }
 
 }  // namespace
@@ -137,8 +159,26 @@ map::Keyframe* MapReader::FindKeyframe(std::int64_t id) {
   return at->get();
 }
 
+absl::StatusOr<std::optional<std::uint32_t>> MapReader::ReadNumWords() {
+  // docs/vocabulary.md, "File format".
+  constexpr absl::string_view kMagic = "CAIRNVOC";
+  constexpr std::size_t kNumWordsAt = 24;
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare("SELECT substr(bytes, 1, 28) FROM vocabulary"));
+  const absl::StatusOr<bool> found = rows.Step();
+  if (!found.ok()) return IsDamaged(found.status()) ? std::optional<std::uint32_t>() : found.status();
+  if (!*found) return std::optional<std::uint32_t>();
+  const Bytes start = rows.Blob(0);
+  std::uint32_t num_words = 0;
+  if (start.size() < kNumWordsAt + sizeof(num_words) || std::memcmp(start.data(), kMagic.data(), kMagic.size()) != 0) {
+    return std::optional<std::uint32_t>();
+  }
+  std::memcpy(&num_words, start.data() + kNumWordsAt, sizeof(num_words));
+  return num_words;
+}
+
 absl::Status MapReader::ReadFeatures() {
   const absl::string_view table = kFeaturesTable.name;
+  CAIRN_ASSIGN_OR_RETURN(const std::optional<std::uint32_t> num_words, ReadNumWords());
   CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kFeaturesTable.SelectSql("ORDER BY keyframe")));
   while (true) {
     const absl::StatusOr<bool> found = rows.Step();
@@ -163,6 +203,14 @@ absl::Status MapReader::ReadFeatures() {
     auto features = UnpackFeatures(rows.Int(1), rows.Int(2), rows.Int(3), keypoints, descriptors, words);
     if (!features.ok()) {
       CAIRN_RETURN_IF_ERROR(Report(table, id, features.status().message()));
+      continue;
+    }
+    const auto camera = std::find_if(content_.cameras.begin(), content_.cameras.end(),
+                                     [&](const map::MapCamera& other) { return other.id == keyframe->camera; });
+    wrong = WrongFeatures(*features, camera == content_.cameras.end() ? nullptr : &*camera,
+                          map_row_.info.orb.num_levels, num_words);
+    if (!wrong.empty()) {
+      CAIRN_RETURN_IF_ERROR(Report(table, id, wrong));
       continue;
     }
     keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));

@@ -3,11 +3,12 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "base/status.h"
 #include "map/snapshot.h"
-#include "store/map_file.h"
+#include "store/map_store.h"
 #include "store/sqlite.h"
 #include "store/tables.h"
 
@@ -45,6 +46,8 @@ class MapReader {
   absl::Status ReadLenses();
   absl::Status ReadTrajectories();
   absl::Status ReadFeatures();
+  // How many words the vocabulary in the file has; none if that is not known.
+  absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords();
   absl::Status ReadPointIds();
   absl::Status CheckCounts();
   absl::Status CheckTree();

@@ -280,12 +280,17 @@ bool Database::InTransaction() const { return sqlite3_get_autocommit(handle_) ==
 
 absl::StatusOr<std::array<std::uint8_t, Database::kHeaderBytes>> Database::ReadHeader() {
   std::array<std::uint8_t, kHeaderBytes> header{};
+  CAIRN_RETURN_IF_ERROR(ReadRaw(header, 0));
+  return header;
+}
+
+absl::Status Database::ReadRaw(std::span<std::uint8_t> bytes, std::int64_t offset) {
   sqlite3_file* file = nullptr;
   int rc = sqlite3_file_control(handle_, "main", SQLITE_FCNTL_FILE_POINTER, &file);
   if (rc != SQLITE_OK) return SqliteError(handle_, rc);
-  rc = file->pMethods->xRead(file, header.data(), kHeaderBytes, 0);
+  rc = file->pMethods->xRead(file, bytes.data(), static_cast<int>(bytes.size()), offset);
   if (rc != SQLITE_OK && rc != SQLITE_IOERR_SHORT_READ) return SqliteError(nullptr, rc);
-  return header;
+  return absl::OkStatus();
 }
 
 // --- Transaction ---

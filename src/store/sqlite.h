@@ -97,6 +97,8 @@ class Database {
   // handle: opening the file a second time would drop the locks that this process holds on it.
   static constexpr std::size_t kHeaderBytes = 100;
   absl::StatusOr<std::array<std::uint8_t, kHeaderBytes>> ReadHeader();
+  // Likewise any bytes, from `offset` on.
+  absl::Status ReadRaw(std::span<std::uint8_t> bytes, std::int64_t offset);
 
  private:
   explicit Database(sqlite3* handle) : handle_(handle) {}

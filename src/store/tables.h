@@ -7,7 +7,7 @@
 
 #include "base/status.h"
 #include "map/entities.h"
-#include "store/map_file.h"
+#include "store/map_store.h"
 #include "store/row.h"
 
 namespace cairn::store {

@@ -7,7 +7,7 @@
 #include "cli/cli.h"
 #include "cli/pictures.h"
 #include "cli/session_report.h"
-#include "store/map_file.h"
+#include "store/map_store.h"
 
 namespace cairn::cli {
 namespace {
@@ -153,7 +153,8 @@ void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const s
 
 absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
+                         store::OpenMapStore(options.map, store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   if (map->info().vocabulary_hash != 0) {
     const absl::Status vocabulary = file->LoadVocabulary().status();

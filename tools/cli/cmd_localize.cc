@@ -13,7 +13,7 @@
 #include "client/local_localizer.h"
 #include "io/camera_file.h"
 #include "io/trajectory.h"
-#include "store/map_file.h"
+#include "store/map_store.h"
 
 namespace cairn::cli {
 namespace {
@@ -117,7 +117,8 @@ absl::Status WriteOutputs(const LocalizeOptions& options, const Summary& summary
     CAIRN_RETURN_IF_ERROR(io::WriteTumTrajectory(options.out, summary.poses, write));
   }
   if (!options.picture.empty()) {
-    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
+    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
+                           store::OpenMapStore(options.map, store::OpenMode::kRead));
     CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
     std::vector<SE3> queries;
     for (const io::StampedPose& pose : summary.poses) queries.push_back(pose.world_from_camera);

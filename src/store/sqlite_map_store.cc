@@ -1,5 +1,6 @@
-#include "store/map_file.h"
+#include "store/sqlite_map_store.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -8,10 +9,12 @@
 
 #include "store/delta_writer.h"
 #include "store/digest.h"
+#include "store/file_paths.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/migrations.h"
 #include "store/sqlite.h"
+#include "store/write_ahead_log.h"
 #include "store/writer_lock.h"
 
 namespace cairn::store {
@@ -22,31 +25,28 @@ std::int64_t NowUnixNs() {
   return std::chrono::duration_cast<nanoseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
 }
 
-absl::Status CheckNewInfo(const map::MapInfo& info) {
-  const bool is_id = info.id.size() == 32 && std::all_of(info.id.begin(), info.id.end(), [](char c) {
-                       return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
-                     });
-  if (!is_id) return absl::InvalidArgumentError(absl::StrCat("the map id '", info.id, "' is not 32 hex digits"));
-  return info.orb.Validate();
-}
-
 }  // namespace
 
 int SupportedFormatVersion() { return BuiltInMigrations().back().version; }
 
-MapFile::MapFile(std::string path, std::unique_ptr<Database> database, std::unique_ptr<WriterLock> lock,
-                 const WriteOptions& options)
-    : path_(std::move(path)), lock_(std::move(lock)), database_(std::move(database)), options_(options) {}
+SqliteMapStore::SqliteMapStore(std::string path, std::string resolved, std::unique_ptr<Database> database,
+                               FileIdentity identity)
+    : path_(std::move(path)),
+      resolved_(std::move(resolved)),
+      database_(std::move(database)),
+      identity_(std::move(identity)) {}
 
-MapFile::~MapFile() {
+SqliteMapStore::~SqliteMapStore() {
   if (database_) Close().IgnoreError();
 }
 
-absl::StatusOr<std::unique_ptr<MapFile>> MapFile::Create(const std::string& path, const map::MapInfo& info,
-                                                         const CreateOptions& options) {
-  auto created = [&]() -> absl::StatusOr<std::unique_ptr<MapFile>> {
+absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::Create(const std::string& path,
+                                                                       const map::MapInfo& info,
+                                                                       const CreateOptions& options) {
+  auto created = [&]() -> absl::StatusOr<std::unique_ptr<SqliteMapStore>> {
     CAIRN_RETURN_IF_ERROR(CheckNewInfo(info));
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveNew(path));
+    CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
     CAIRN_ASSIGN_OR_RETURN(auto lock, WriterLock::Acquire(resolved));
     if (!options.overwrite && access(resolved.c_str(), F_OK) == 0) {
       return MakeFault(Fault::kExists, "exists already: choose another name, or ask to overwrite it");
@@ -58,77 +58,144 @@ absl::StatusOr<std::unique_ptr<MapFile>> MapFile::Create(const std::string& path
   return created;
 }
 
-absl::StatusOr<std::unique_ptr<MapFile>> MapFile::Open(const std::string& path, const WriteOptions& options) {
-  auto opened = [&]() -> absl::StatusOr<std::unique_ptr<MapFile>> {
+absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::Open(const std::string& path,
+                                                                     const WriteOptions& options) {
+  auto opened = [&]() -> absl::StatusOr<std::unique_ptr<SqliteMapStore>> {
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(path));
+    CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
+    CAIRN_RETURN_IF_ERROR(CheckOneName(resolved));
     CAIRN_ASSIGN_OR_RETURN(auto lock, WriterLock::Acquire(resolved));
-    return OpenLocked(path, resolved, std::move(lock), options);
+    CAIRN_ASSIGN_OR_RETURN(auto store, OpenLocked(path, resolved, std::move(lock), options));
+    store->NoteLeftovers();
+    return store;
   }();
   if (!opened.ok()) return Annotate(opened.status(), absl::StrCat("opening map ", path, " for writing"));
   return opened;
 }
 
-absl::StatusOr<std::unique_ptr<MapFile>> MapFile::OpenLocked(const std::string& path, const std::string& resolved,
-                                                             std::unique_ptr<WriterLock> lock,
-                                                             const WriteOptions& options) {
+absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenLocked(const std::string& path,
+                                                                           const std::string& resolved,
+                                                                           std::unique_ptr<WriterLock> lock,
+                                                                           const WriteOptions& options) {
+  CAIRN_RETURN_IF_ERROR(CheckLog(resolved));
+  CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
   CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(resolved, Database::Mode::kReadWrite));
   CAIRN_RETURN_IF_ERROR(CheckIdentity(database.get()));
   CAIRN_RETURN_IF_ERROR(PrepareForWriting(database.get(), options));
   CAIRN_RETURN_IF_ERROR(Migrate(database.get(), BuiltInMigrations()));
   CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
-  std::unique_ptr<MapFile> file(new MapFile(path, std::move(database), std::move(lock), options));
-  CAIRN_ASSIGN_OR_RETURN(file->writer_, DeltaWriter::Prepare(file->database_.get()));
-  CAIRN_RETURN_IF_ERROR(file->writer_->ReadMapRow().status());
-  return file;
+  std::unique_ptr<SqliteMapStore> store(
+      new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
+  store->lock_ = std::move(lock);
+  store->options_ = options;
+  CAIRN_ASSIGN_OR_RETURN(store->writer_, DeltaWriter::Prepare(store->database_.get()));
+  CAIRN_RETURN_IF_ERROR(store->writer_->ReadMapRow().status());
+  CAIRN_ASSIGN_OR_RETURN(store->log_identity_, FileIdentity::Of(absl::StrCat(resolved, kLogSuffix)));
+  CAIRN_RETURN_IF_ERROR(store->CheckInPlace());
+  return store;
 }
 
-absl::StatusOr<std::unique_ptr<MapFile>> MapFile::OpenReadOnly(const std::string& path) {
-  auto opened = [&]() -> absl::StatusOr<std::unique_ptr<MapFile>> {
+absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(const std::string& path) {
+  auto opened = [&]() -> absl::StatusOr<std::unique_ptr<SqliteMapStore>> {
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(path));
+    CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
     std::string immutable_stamp;
     CAIRN_ASSIGN_OR_RETURN(auto database, OpenForReading(resolved, &immutable_stamp));
     CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
-    std::unique_ptr<MapFile> file(new MapFile(path, std::move(database), nullptr, {}));
-    file->immutable_stamp_ = immutable_stamp;
-    MapReader reader(file->database_.get(), DamagedBy);
+    std::unique_ptr<SqliteMapStore> store(
+        new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
+    store->immutable_stamp_ = immutable_stamp;
+    MapReader reader(store->database_.get(), DamagedBy);
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
-    return file;
+    store->NoteLeftovers();
+    return store;
   }();
   if (!opened.ok()) return Annotate(opened.status(), absl::StrCat("opening map ", path));
   return opened;
 }
 
-absl::Status MapFile::Close() {
+void SqliteMapStore::NoteLeftovers() {
+  const std::string fresh = absl::StrCat(resolved_, kNewSuffix);
+  if (!HasContent(fresh) || (lock_ == nullptr && WriterLock::IsHeld(resolved_))) return;
+  notes_.push_back(absl::StrCat(fresh, " is a map that was to replace this one when its writer was killed: it is whole up to "
+                                "its last change. Move it to another name to use it, or delete it"));
+}
+
+absl::Status SqliteMapStore::Close() {
   if (!database_) return absl::OkStatus();
+  if (writable()) return Annotated(CloseWriting());
+  const absl::Status closed = database_->Close();
+  database_.reset();
+  return Annotated(closed);
+}
+
+absl::Status SqliteMapStore::CloseWriting() {
+  const absl::Status in_place = CheckInPlace();
   writer_.reset();
-  absl::Status folded;
-  if (writable()) folded = database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)");
+  const absl::Status folded = database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)");
+  absl::Status status = folded;
+  if (!in_place.ok()) status = Rescue(folded.ok() ? in_place : folded);
   const absl::Status closed = database_->Close();
   database_.reset();
   lock_.reset();
-  return Annotated(folded.ok() ? closed : folded);
+  return status.ok() ? closed : status;
 }
 
-absl::Status MapFile::Annotated(const absl::Status& status) const {
+absl::Status SqliteMapStore::CheckInPlace() const {
+  const std::string log = absl::StrCat(resolved_, kLogSuffix);
+  const bool file_in_place = identity_.IsAt(resolved_);
+  if (file_in_place && log_identity_.IsAt(log)) return absl::OkStatus();
+  if (file_in_place) {
+    return MakeFault(Fault::kMoved, absl::StrCat("its write-ahead log ", log,
+                                                 " was removed or replaced while it was written; close the map, so that "
+                                                 "it is folded into the file, and open it again"));
+  }
+  const bool vacant = access(resolved_.c_str(), F_OK) != 0;
+  return MakeFault(Fault::kMoved, vacant ? "it was removed or moved away while it was written"
+                                         : "another file was put in its place while it was written");
+}
+
+absl::Status SqliteMapStore::Rescue(const absl::Status& moved) {
+  // SQLite, too, sees that the file has moved, and leaves what lies beside its old name alone. What is there is this
+  // map's own, and empty, if nothing else is.
+  const std::string log = absl::StrCat(resolved_, kLogSuffix);
+  if (identity_.IsAt(resolved_)) return absl::OkStatus();  // only the log was gone, and all of it is in the file now
+  if (access(resolved_.c_str(), F_OK) != 0 && log_identity_.IsAt(log)) RemoveCompanions(resolved_);
+  if (const auto now_at = identity_.CurrentPath()) {
+    return Annotate(moved, absl::StrCat("the map is complete, but in ", *now_at));
+  }
+  const std::string rescued = absl::StrCat(resolved_, ".rescued");
+  if (access(rescued.c_str(), F_OK) == 0) {
+    return Annotate(moved, absl::StrCat("the map is lost: it is not saved as ", rescued, ", which exists already"));
+  }
+  const absl::Status saved = CopyDatabase(database_.get(), rescued);
+  if (!saved.ok()) {
+    return Annotate(moved, absl::StrCat("the map is lost: saving it as ", rescued, " failed: ", saved.message()));
+  }
+  return Annotate(moved, absl::StrCat("the map was saved as ", rescued));
+}
+
+absl::Status SqliteMapStore::Annotated(const absl::Status& status) const {
   return Annotate(status, absl::StrCat("map ", path_));
 }
 
-absl::Status MapFile::RequireWritable() const {
+absl::Status SqliteMapStore::RequireWritable() const {
   if (writable()) return absl::OkStatus();
   return absl::FailedPreconditionError("it is open for reading only");
 }
 
-absl::Status MapFile::CheckUnchanged() const {
-  if (immutable_stamp_.empty() || immutable_stamp_ == FileStamp(path_)) return absl::OkStatus();
+absl::Status SqliteMapStore::CheckUnchanged() const {
+  if (immutable_stamp_.empty() || immutable_stamp_ == FileStamp(resolved_)) return absl::OkStatus();
   return MakeFault(Fault::kBusy, "it was written while it was read; open it again");
 }
 
-absl::Status MapFile::Commit(const map::Delta& delta) {
+absl::Status SqliteMapStore::Commit(const map::Delta& delta) {
   CAIRN_RETURN_IF_ERROR(Annotated(RequireWritable()));
+  CAIRN_RETURN_IF_ERROR(Annotated(CheckInPlace()));
   return Annotated(writer_->Commit(delta, options_.record_wall_clock ? NowUnixNs() : 0));
 }
 
-absl::StatusOr<std::shared_ptr<const map::Snapshot>> MapFile::LoadSnapshot() {
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> SqliteMapStore::LoadSnapshot() {
   auto loaded = [&]() -> absl::StatusOr<std::shared_ptr<const map::Snapshot>> {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));
@@ -143,7 +210,7 @@ absl::StatusOr<std::shared_ptr<const map::Snapshot>> MapFile::LoadSnapshot() {
   return loaded;
 }
 
-absl::Status MapFile::PutVocabulary(absl::string_view bytes) {
+absl::Status SqliteMapStore::PutVocabulary(absl::string_view bytes) {
   const auto put = [&]() -> absl::Status {
     CAIRN_RETURN_IF_ERROR(RequireWritable());
     CAIRN_ASSIGN_OR_RETURN(Transaction transaction, Transaction::Begin(database_.get(), Transaction::Kind::kWrite));
@@ -155,12 +222,14 @@ absl::Status MapFile::PutVocabulary(absl::string_view bytes) {
       return absl::FailedPreconditionError("its keyframes refer to the words of another vocabulary");
     }
     CAIRN_RETURN_IF_ERROR(WriteVocabulary(database_.get(), bytes));
+    // Every change carries this row, by which a log is known.
+    CAIRN_RETURN_IF_ERROR(writer_->PutMapRow(map_row));
     return transaction.Commit();
   };
   return Annotated(put());
 }
 
-absl::StatusOr<std::string> MapFile::LoadVocabulary() {
+absl::StatusOr<std::string> SqliteMapStore::LoadVocabulary() {
   auto loaded = [&]() -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kVocabularyTable.SelectSql("WHERE id = 1")));
     CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
@@ -174,13 +243,13 @@ absl::StatusOr<std::string> MapFile::LoadVocabulary() {
   return loaded;
 }
 
-absl::StatusOr<Revision> MapFile::ReadRevision() {
+absl::StatusOr<Revision> SqliteMapStore::ReadRevision() {
   const absl::StatusOr<std::int64_t> revision = database_->QueryInt("SELECT revision FROM map");
   if (!revision.ok()) return Annotated(revision.status());
   return static_cast<Revision>(*revision);
 }
 
-absl::StatusOr<MapSummary> MapFile::ReadSummary() {
+absl::StatusOr<MapSummary> SqliteMapStore::ReadSummary() {
   auto read = [&]() -> absl::StatusOr<MapSummary> {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));
@@ -208,7 +277,7 @@ absl::StatusOr<MapSummary> MapFile::ReadSummary() {
   return read;
 }
 
-absl::StatusOr<std::vector<LoggedChange>> MapFile::ReadChanges(int max_count) {
+absl::StatusOr<std::vector<LoggedChange>> SqliteMapStore::ReadChanges(int max_count) {
   auto read = [&]() -> absl::StatusOr<std::vector<LoggedChange>> {
     CAIRN_ASSIGN_OR_RETURN(Statement rows,
                            database_->Prepare(kChangesTable.SelectSql("ORDER BY revision DESC LIMIT ?")));
@@ -226,12 +295,24 @@ absl::StatusOr<std::vector<LoggedChange>> MapFile::ReadChanges(int max_count) {
   return read;
 }
 
-absl::StatusOr<std::string> MapFile::ContentDigest() {
+absl::StatusOr<std::string> SqliteMapStore::ContentDigest() {
   CAIRN_ASSIGN_OR_RETURN(const auto snapshot, LoadSnapshot());
   return store::ContentDigest(*snapshot);
 }
 
-absl::Status MapFile::Compact() {
+absl::Status SqliteMapStore::CopyTo(const std::string& path) {
+  const auto copy = [&]() -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveNew(path));
+    CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
+    CAIRN_ASSIGN_OR_RETURN(const auto lock, WriterLock::Acquire(resolved));
+    if (access(resolved.c_str(), F_OK) == 0) return MakeFault(Fault::kExists, "exists already: choose another name");
+    CAIRN_RETURN_IF_ERROR(CopyDatabase(database_.get(), resolved));
+    return CheckUnchanged();
+  };
+  return Annotate(Annotated(copy()), absl::StrCat("copying to ", path));
+}
+
+absl::Status SqliteMapStore::Compact() {
   CAIRN_RETURN_IF_ERROR(Annotated(RequireWritable()));
   CAIRN_RETURN_IF_ERROR(Annotated(database_->Execute("VACUUM")));
   return Annotated(database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
