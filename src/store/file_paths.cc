@@ -27,9 +27,9 @@ constexpr std::size_t kLongestSuffixBytes = kNewSuffix.size() + kJournalSuffix.s
 
 absl::Status CheckLength(const std::string& resolved, std::size_t suffix_bytes) {
   if (resolved.size() + suffix_bytes > kMaxPathBytes) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("its path has ", resolved.size(), " bytes, and SQLite takes ", kMaxPathBytes - suffix_bytes,
-                     ": use a shorter one (symbolic links do not shorten it)"));
+    return absl::InvalidArgumentError(absl::StrCat("its path has ", resolved.size(), " bytes, and SQLite takes ",
+                                                   kMaxPathBytes - suffix_bytes,
+                                                   ": use a shorter one (symbolic links do not shorten it)"));
   }
   const std::size_t name_bytes = resolved.size() - resolved.rfind('/') - 1;
   if (name_bytes + suffix_bytes > NAME_MAX) {
@@ -130,11 +130,32 @@ absl::StatusOr<std::string> ResolveNew(const std::string& path) {
 }
 
 bool IsNetworkType(absl::string_view type) {
-  constexpr std::array<absl::string_view, 26> kTypes = {
-      "nfs",           "nfs4",      "cifs",         "smb3",        "smbfs",        "9p",         "afs",
-      "ceph",          "glusterfs", "lustre",       "beegfs",      "gpfs",         "pvfs2",      "orangefs",
-      "coda",          "ncpfs",     "davfs",        "fuse.sshfs",  "fuse.s3fs",    "fuse.rclone", "fuse.gcsfuse",
-      "fuse.davfs2",   "fuse.ceph", "fuse.curlftpfs", "fuse.gvfsd-fuse", "fuse.glusterfs"};
+  constexpr std::array<absl::string_view, 26> kTypes = {"nfs",
+                                                        "nfs4",
+                                                        "cifs",
+                                                        "smb3",
+                                                        "smbfs",
+                                                        "9p",
+                                                        "afs",
+                                                        "ceph",
+                                                        "glusterfs",
+                                                        "lustre",
+                                                        "beegfs",
+                                                        "gpfs",
+                                                        "pvfs2",
+                                                        "orangefs",
+                                                        "coda",
+                                                        "ncpfs",
+                                                        "davfs",
+                                                        "fuse.sshfs",
+                                                        "fuse.s3fs",
+                                                        "fuse.rclone",
+                                                        "fuse.gcsfuse",
+                                                        "fuse.davfs2",
+                                                        "fuse.ceph",
+                                                        "fuse.curlftpfs",
+                                                        "fuse.gvfsd-fuse",
+                                                        "fuse.glusterfs"};
   return std::find(kTypes.begin(), kTypes.end(), type) != kTypes.end();
 }
 
@@ -188,8 +209,7 @@ std::optional<std::string> FileIdentity::CurrentPath() const {
   struct stat opened {};
   if (fstat(descriptor_, &opened) != 0 || opened.st_nlink == 0) return std::nullopt;
   std::error_code error;
-  const std::filesystem::path path =
-      std::filesystem::read_symlink(absl::StrCat("/proc/self/fd/", descriptor_), error);
+  const std::filesystem::path path = std::filesystem::read_symlink(absl::StrCat("/proc/self/fd/", descriptor_), error);
   if (error || !IsAt(path.string())) return std::nullopt;
   return path.string();
 }

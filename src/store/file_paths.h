@@ -9,7 +9,7 @@
 namespace cairn::store {
 
 // What may stand beside a map `path` (docs/map-format.md).
-inline constexpr absl::string_view kLogSuffix = "-wal";          // the newest changes
+inline constexpr absl::string_view kLogSuffix = "-wal";           // the newest changes
 inline constexpr absl::string_view kSharedMemorySuffix = "-shm";  // shared by those who have it open
 inline constexpr absl::string_view kJournalSuffix = "-journal";   // while SQLite makes a new file
 inline constexpr absl::string_view kLockSuffix = "-lock";         // of the writer

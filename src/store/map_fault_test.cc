@@ -13,8 +13,8 @@
 #include <iterator>
 #include <set>
 
-#include "store/sqlite_map_store.h"
 #include "store/sqlite.h"
+#include "store/sqlite_map_store.h"
 #include "store/test_files.h"
 #include "store/test_maps.h"
 
@@ -23,16 +23,16 @@ namespace {
 
 using testing::Bits;
 using ::testing::ElementsAre;
+using testing::ExitCode;
 using ::testing::HasSubstr;
+using testing::InChild;
 using ::testing::IsEmpty;
+using testing::MakeMap;
 using testing::MapGrower;
+using testing::ReadBytes;
 using testing::TempFolder;
 using testing::TestInfo;
-using testing::ReadBytes;
 using testing::WriteBytes;
-using testing::MakeMap;
-using testing::InChild;
-using testing::ExitCode;
 using testing::WriteForever;
 using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
 
@@ -107,7 +107,8 @@ TEST(MapFaults, NewerVersion) {
   const std::string path = folder.File("a.cairn");
   MakeMap(path, 1, 2);
   ASSERT_TRUE((*Database::OpenFile(path, Database::Mode::kReadWrite))->Execute("PRAGMA user_version = 7").ok());
-  for (const absl::Status& status : {SqliteMapStore::OpenReadOnly(path).status(), SqliteMapStore::Open(path).status()}) {
+  for (const absl::Status& status :
+       {SqliteMapStore::OpenReadOnly(path).status(), SqliteMapStore::Open(path).status()}) {
     EXPECT_TRUE(IsNewerVersion(status)) << status;
     EXPECT_EQ(status.code(), absl::StatusCode::kUnimplemented);
     EXPECT_THAT(std::string(status.message()), HasSubstr("format 7"));

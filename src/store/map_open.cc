@@ -131,7 +131,8 @@ absl::StatusOr<std::unique_ptr<Database>> OpenForReading(const std::string& path
 absl::Status PrepareForWriting(Database* database, const WriteOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const std::string mode, database->QueryText("PRAGMA journal_mode = WAL"));
   if (mode != "wal") {
-    return MakeFault(Fault::kIo, absl::StrCat("SQLite cannot keep a write-ahead log here (journal mode is ", mode, ")"));
+    return MakeFault(Fault::kIo,
+                     absl::StrCat("SQLite cannot keep a write-ahead log here (journal mode is ", mode, ")"));
   }
   return database->Execute(absl::StrCat("PRAGMA synchronous = ", options.sync_every_commit ? "FULL" : "NORMAL",
                                         "; PRAGMA journal_size_limit = 33554432"));
@@ -171,9 +172,9 @@ absl::Status CheckFileSystem(const std::string& path) {
 absl::Status CheckOneName(const std::string& path) {
   struct stat info {};
   if (stat(path.c_str(), &info) != 0 || info.st_nlink == 1) return absl::OkStatus();
-  return absl::FailedPreconditionError(
-      absl::StrCat("the file has ", info.st_nlink, " names (hard links), and would change under all of them without "
-                   "their knowing of each other's locks; make a copy and write that"));
+  return absl::FailedPreconditionError(absl::StrCat("the file has ", info.st_nlink,
+                                                    " names (hard links), and would change under all of them without "
+                                                    "their knowing of each other's locks; make a copy and write that"));
 }
 
 absl::Status CopyDatabase(Database* database, const std::string& path) {

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "base/status.h"
-#include "store/map_store.h"
 #include "store/map_reader.h"
+#include "store/map_store.h"
 #include "store/sqlite.h"
 
 namespace cairn::store {

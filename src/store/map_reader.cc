@@ -29,7 +29,8 @@ absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const map
   const auto within = [](float px, float size) { return px >= -size && px <= 2.0f * size; };
   for (const image::Keypoint& keypoint : features.features.keypoints) {
     if (keypoint.octave >= num_levels) return "keypoints: an octave is out of range";
-    if (!within(keypoint.x_px, width) || !within(keypoint.y_px, height)) return "keypoints: one is outside of the image";
+    if (!within(keypoint.x_px, width) || !within(keypoint.y_px, height))
+      return "keypoints: one is outside of the image";
     if (!(std::abs(keypoint.angle_rad) <= 7.0f)) return "keypoints: an angle is out of range";
   }
   if (!num_words) return {};

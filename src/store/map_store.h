@@ -1,10 +1,10 @@
 // Where one map is kept: what is committed stays, whatever happens to the process; there is no save step. The interface
-// is what all others see; today there is one implementation, a file of SQLite's (sqlite_map_store.h). Nothing outside of
-// this folder assumes a file: a map has a URI.
+// is what all others see; today there is one implementation, a file of SQLite's (sqlite_map_store.h). Nothing outside
+// of this folder assumes a file: a map has a URI.
 //
 // One process writes a map at a time, any number read it meanwhile; a reader sees whole revisions only. Every error
-// names the map and carries a Fault (store/fault.h). A store may be used by one thread at a time; several may be open on
-// one map.
+// names the map and carries a Fault (store/fault.h). A store may be used by one thread at a time; several may be open
+// on one map.
 #pragma once
 
 #include <cstdint>
@@ -81,8 +81,8 @@ inline constexpr int kMaxLoggedChanges = 1000;
 
 // Which of them: those that fit all that is said.
 struct ChangeQuery {
-  Revision from_revision = 0;    // those that made this revision and later ones
-  SessionId session;             // none: whoever made them
+  Revision from_revision = 0;  // those that made this revision and later ones
+  SessionId session;           // none: whoever made them
   int max_count = kMaxLoggedChanges;
 };
 
@@ -114,10 +114,10 @@ class MapStore {
   // What a user should be told of the state in which it was found, or of what opening did: one sentence each.
   virtual const std::vector<std::string>& notes() const = 0;
 
-  // Exactly one transaction: after OK the change is in the map for good, after an error nothing of it is. The delta must
-  // be one that Snapshot::Apply() takes: nothing is checked here but what would make the rows contradict each other.
-  // Errors: FailedPrecondition if delta.base is not the map's revision (so that a change is never made twice) or the
-  // map is open for reading, kFull, kReadOnly, kIo, kDamaged, kMoved.
+  // Exactly one transaction: after OK the change is in the map for good, after an error nothing of it is. The delta
+  // must be one that Snapshot::Apply() takes: nothing is checked here but what would make the rows contradict each
+  // other. Errors: FailedPrecondition if delta.base is not the map's revision (so that a change is never made twice) or
+  // the map is open for reading, kFull, kReadOnly, kIo, kDamaged, kMoved.
   virtual absl::Status Commit(const map::Delta& delta) = 0;
 
   // The newest revision, with every checksum and every reference checked. kDamaged names the table and row at fault.
@@ -133,8 +133,8 @@ class MapStore {
   virtual absl::StatusOr<Revision> ReadRevision() = 0;
   // All changes since `base`, a revision of this map, as one: base.Apply() makes it the newest revision, equal to the
   // bit to what LoadSnapshot() gives. Reads as much as changed; what did not is shared with `base`. With
-  // `num_changes` 0 if nothing has happened. Nothing if `base` is too old (kMaxDeltaRevisions), not of this map, or the map
-  // is of a format before 4: load it anew. Errors as of LoadSnapshot.
+  // `num_changes` 0 if nothing has happened. Nothing if `base` is too old (kMaxDeltaRevisions), not of this map, or the
+  // map is of a format before 4: load it anew. Errors as of LoadSnapshot.
   virtual absl::StatusOr<std::optional<map::Delta>> ReadDelta(const map::Snapshot& base) = 0;
   virtual absl::StatusOr<MapSummary> ReadSummary() = 0;
   // The newest first.
@@ -161,11 +161,11 @@ class MapStore {
 absl::StatusOr<std::unique_ptr<MapStore>> OpenMapStore(const std::string& uri, OpenMode mode,
                                                        const WriteOptions& options = {});
 
-// A new map, open for writing. It comes into being with the first keyframe that is committed: whoever commits none leaves
-// nothing behind. A map that is to be overwritten stays until Close(), which replaces it in one step; until then the new
-// one is complete up to its last commit beside it, named in docs/map-format.md, and after a kill both are there.
-// Faults: kExists, kNotAMap (what is to be overwritten is something else), kReadOnly, kFull, kBusy; InvalidArgument if
-// `info` or the name makes no sense. These are found now, not when the first keyframe comes.
+// A new map, open for writing. It comes into being with the first keyframe that is committed: whoever commits none
+// leaves nothing behind. A map that is to be overwritten stays until Close(), which replaces it in one step; until then
+// the new one is complete up to its last commit beside it, named in docs/map-format.md, and after a kill both are
+// there. Faults: kExists, kNotAMap (what is to be overwritten is something else), kReadOnly, kFull, kBusy;
+// InvalidArgument if `info` or the name makes no sense. These are found now, not when the first keyframe comes.
 absl::StatusOr<std::unique_ptr<MapStore>> CreateMapStore(const std::string& uri, const map::MapInfo& info,
                                                          CreateOptions options = {});
 

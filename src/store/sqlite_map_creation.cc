@@ -27,8 +27,9 @@ absl::StatusOr<std::unique_ptr<MapStore>> NewSqliteMap::Create(const std::string
     CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
     std::unique_ptr<NewSqliteMap> map(new NewSqliteMap(path, std::move(resolved), info, std::move(options)));
     if (!map->options_.overwrite && access(map->resolved_.c_str(), F_OK) == 0) {
-      return MakeFault(Fault::kExists,
-                       "exists already: choose another name, extend it (--extend), or ask to overwrite it (--overwrite)");
+      return MakeFault(
+          Fault::kExists,
+          "exists already: choose another name, extend it (--extend), or ask to overwrite it (--overwrite)");
     }
     CAIRN_ASSIGN_OR_RETURN(map->lock_, WriterLock::Acquire(map->resolved_));
     CAIRN_RETURN_IF_ERROR(map->LockReplaced());

@@ -46,8 +46,8 @@ class NewSqliteMap : public MapStore {
   CreateOptions options_;
   std::unique_ptr<WriterLock> lock_;  // of `resolved_`, from the start to the end
   bool replaces_ = false;
-  FileIdentity replaced_;               // the file that is to be replaced
-  std::vector<map::Delta> waiting_;     // for the file
+  FileIdentity replaced_;                         // the file that is to be replaced
+  std::vector<map::Delta> waiting_;               // for the file
   std::shared_ptr<const map::Snapshot> current_;  // until there is a file
   std::unique_ptr<SqliteMapStore> file_;
   std::vector<std::string> notes_;

@@ -84,8 +84,7 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenLocked(const
   CAIRN_RETURN_IF_ERROR(PrepareForWriting(database.get(), options));
   CAIRN_RETURN_IF_ERROR(Migrate(database.get(), BuiltInMigrations()));
   CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
-  std::unique_ptr<SqliteMapStore> store(
-      new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
+  std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
   store->lock_ = std::move(lock);
   store->options_ = options;
   CAIRN_ASSIGN_OR_RETURN(store->writer_, DeltaWriter::Prepare(store->database_.get()));
@@ -102,8 +101,7 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(con
     std::string immutable_stamp;
     CAIRN_ASSIGN_OR_RETURN(auto database, OpenForReading(resolved, &immutable_stamp));
     CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
-    std::unique_ptr<SqliteMapStore> store(
-        new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
+    std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
     store->immutable_stamp_ = immutable_stamp;
     MapReader reader(store->database_.get(), DamagedBy);
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
@@ -117,7 +115,8 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(con
 void SqliteMapStore::NoteLeftovers() {
   const std::string fresh = absl::StrCat(resolved_, kNewSuffix);
   if (!HasContent(fresh) || (lock_ == nullptr && WriterLock::IsHeld(resolved_))) return;
-  notes_.push_back(absl::StrCat(fresh, " is a map that was to replace this one when its writer was killed: it is whole up to "
+  notes_.push_back(absl::StrCat(fresh,
+                                " is a map that was to replace this one when its writer was killed: it is whole up to "
                                 "its last change. Move it to another name to use it, or delete it"));
 }
 
@@ -146,9 +145,10 @@ absl::Status SqliteMapStore::CheckInPlace() const {
   const bool file_in_place = identity_.IsAt(resolved_);
   if (file_in_place && log_identity_.IsAt(log)) return absl::OkStatus();
   if (file_in_place) {
-    return MakeFault(Fault::kMoved, absl::StrCat("its write-ahead log ", log,
-                                                 " was removed or replaced while it was written; close the map, so that "
-                                                 "it is folded into the file, and open it again"));
+    return MakeFault(Fault::kMoved,
+                     absl::StrCat("its write-ahead log ", log,
+                                  " was removed or replaced while it was written; close the map, so that "
+                                  "it is folded into the file, and open it again"));
   }
   const bool vacant = access(resolved_.c_str(), F_OK) != 0;
   return MakeFault(Fault::kMoved, vacant ? "it was removed or moved away while it was written"

@@ -75,7 +75,7 @@ class SqliteMapStore : public MapStore {
   std::unique_ptr<DeltaWriter> writer_;  // null: read-only
   WriteOptions options_;
   FileIdentity identity_;
-  FileIdentity log_identity_;     // of a writer
+  FileIdentity log_identity_;    // of a writer
   std::string immutable_stamp_;  // not empty: opened on the promise that nobody writes; this tells whether that held
   std::vector<std::string> notes_;
 };

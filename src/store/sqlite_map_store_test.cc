@@ -240,7 +240,7 @@ TEST(SqliteMapStore, SummaryAndLog) {
 TEST(SqliteMapStore, LogIsBounded) {
   const TempFolder folder;
   auto file = *SqliteMapStore::Create(folder.File("a.cairn"), TestInfo(),
-                               {.write = {.sync_every_commit = false, .record_wall_clock = false}});
+                                      {.write = {.sync_every_commit = false, .record_wall_clock = false}});
   SnapshotPtr map = map::Snapshot::Empty(TestInfo());
   for (int i = 0; i < kMaxLoggedChanges + 20; ++i) {
     map::Delta delta;
@@ -443,7 +443,8 @@ TEST(SqliteMapStore, SizePerKeyframe) {
                           .new_points = fixed_point ? 250 : 130,
                           .views_per_point = 3,
                           .fixed_point_keypoints = fixed_point});
-    auto file = *SqliteMapStore::Create(path, TestInfo(), {.vocabulary = vocabulary, .write = {.sync_every_commit = false}});
+    auto file =
+        *SqliteMapStore::Create(path, TestInfo(), {.vocabulary = vocabulary, .write = {.sync_every_commit = false}});
     const SnapshotPtr map = Grow(file.get(), &grower, kKeyframes);
     ASSERT_TRUE(file->Close().ok());
     struct stat info {};

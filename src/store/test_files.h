@@ -25,10 +25,11 @@ inline void WriteBytes(const std::string& path, const std::string& bytes) {
 }
 
 // Starts a map at `path`, or goes on with it.
-inline std::shared_ptr<const map::Snapshot> MakeMap(const std::string& path, std::uint64_t seed, int keyframes, GrowOptions options = {}) {
+inline std::shared_ptr<const map::Snapshot> MakeMap(const std::string& path, std::uint64_t seed, int keyframes,
+                                                    GrowOptions options = {}) {
   const std::string vocabulary(9000, 'w');
-  auto file = *SqliteMapStore::Create(path, TestInfo(),
-                               {.overwrite = true, .vocabulary = vocabulary, .write = {.sync_every_commit = false}});
+  auto file = *SqliteMapStore::Create(
+      path, TestInfo(), {.overwrite = true, .vocabulary = vocabulary, .write = {.sync_every_commit = false}});
   MapGrower grower(seed, options);
   std::shared_ptr<const map::Snapshot> map = map::Snapshot::Empty(TestInfo());
   for (int i = 0; i <= keyframes; ++i) {

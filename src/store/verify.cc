@@ -1,10 +1,10 @@
 // SqliteMapStore::Verify.
 #include <utility>
 
-#include "store/sqlite_map_store.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/sqlite.h"
+#include "store/sqlite_map_store.h"
 
 namespace cairn::store {
 namespace {

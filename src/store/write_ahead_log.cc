@@ -21,8 +21,8 @@ constexpr std::uint32_t kLogMagic = 0x377f0682;  // the lowest bit: checksums ov
 constexpr std::size_t kPageSizeAt = 16;
 constexpr std::size_t kSchemaCookieAt = 40;
 constexpr std::uint8_t kTableLeaf = 0x0d;
-// Table `map` is the first that a map file gets, so that its only page comes after the one of the schema; it stays there,
-// also when SQLite writes the file anew.
+// Table `map` is the first that a map file gets, so that its only page comes after the one of the schema; it stays
+// there, also when SQLite writes the file anew.
 constexpr std::uint32_t kMapPage = 2;
 // Formats before 4 held the alignment of the map, too.
 constexpr std::size_t kColumnsBefore4 = 26;
@@ -229,17 +229,17 @@ std::string Contradiction(const BaseState& base, const LogContent& log) {
                         map.revision);
   }
   if (map.log_token.empty()) return {};
-  const bool same_file =
-      log.cookies.contains(base.cookie) ||
-      std::any_of(log.states.begin(), log.states.end(),
-                  [&](const MapState& state) { return state.schema_cookie == base.cookie; });
+  const bool same_file = log.cookies.contains(base.cookie) ||
+                         std::any_of(log.states.begin(), log.states.end(),
+                                     [&](const MapState& state) { return state.schema_cookie == base.cookie; });
   return same_file ? "" : "it was written for another copy of this map";
 }
 
 absl::Status CheckJournal(const std::string& path) {
   const std::string journal = absl::StrCat(path, kJournalSuffix);
   if (!HasContent(journal)) return absl::OkStatus();
-  return MakeFault(Fault::kForeignLog, absl::StrCat(journal, " is not of this map, whose changes never go there; SQLite "
+  return MakeFault(Fault::kForeignLog, absl::StrCat(journal,
+                                                    " is not of this map, whose changes never go there; SQLite "
                                                     "would undo the map by it: move it away first"));
 }
 

@@ -1,7 +1,7 @@
-// Whether the write-ahead log beside a map belongs to it. SQLite replays whatever valid log lies beside a database: that of
-// a killed run onto a backup copied over the map, too. A log is told by what its changes carry: every commit writes the
-// row of table `map`, with the map's id, the revision, and the token of the writer that made it (docs/map-format.md, "The
-// write-ahead log").
+// Whether the write-ahead log beside a map belongs to it. SQLite replays whatever valid log lies beside a database:
+// that of a killed run onto a backup copied over the map, too. A log is told by what its changes carry: every commit
+// writes the row of table `map`, with the map's id, the revision, and the token of the writer that made it
+// (docs/map-format.md, "The write-ahead log").
 #pragma once
 
 #include <cstdint>

@@ -73,8 +73,8 @@ absl::StatusOr<std::unique_ptr<WriterLock>> WriterLock::Acquire(const std::strin
       if (error == EINTR) continue;
       if (error != EWOULDBLOCK)
         return MakeFault(Fault::kIo, absl::StrCat("locking ", path, ": ", std::strerror(error)));
-      return MakeFault(Fault::kBusy, absl::StrCat("it is being written by ", HolderOf(path),
-                                                  "; try again when that has finished"));
+      return MakeFault(Fault::kBusy,
+                       absl::StrCat("it is being written by ", HolderOf(path), "; try again when that has finished"));
     }
     if (IsStillNamed(descriptor, path)) {
       NoteHolder(descriptor);
