@@ -100,7 +100,7 @@ absl::StatusOr<std::unique_ptr<LocalLocalizer>> LocalLocalizer::Open(const std::
 absl::Status LocalLocalizer::Load() {
   CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot());
   auto places = tracking::PlaceDatabase::Build(vocabulary_, *snapshot);
-  CAIRN_RETURN_IF_ERROR(Annotate(places.status(), file_->path()));
+  CAIRN_RETURN_IF_ERROR(Annotate(places.status(), file_->uri()));
   parts_ = std::make_unique<const map::LinkedParts>(*snapshot);
   snapshot_ = std::move(snapshot);
   places_ = std::make_unique<tracking::PlaceDatabase>(*std::move(places));

@@ -8,10 +8,8 @@
 #include <cerrno>
 #include <cstring>
 #include <map>
-#include <random>
 #include <utility>
 
-#include "absl/strings/str_format.h"
 #include "store/delta_writer.h"
 #include "store/fault.h"
 #include "store/file_paths.h"
@@ -183,12 +181,21 @@ absl::Status CopyDatabase(Database* database, const std::string& path) {
   unlink(fresh.c_str());
   RemoveCompanions(fresh);
   const absl::Status copied = [&]() -> absl::Status {
-    {
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t was_query_only, database->QueryInt("PRAGMA query_only"));
+    CAIRN_RETURN_IF_ERROR(database->Execute("PRAGMA query_only = OFF"));
+    const absl::Status vacuumed = [&]() -> absl::Status {
       CAIRN_ASSIGN_OR_RETURN(Statement copy, database->Prepare("VACUUM INTO ?"));
       copy.Bind(1, absl::string_view(fresh));
-      CAIRN_RETURN_IF_ERROR(copy.Run());
-    }
+      return copy.Run();
+    }();
+    CAIRN_RETURN_IF_ERROR(database->Execute(absl::StrCat("PRAGMA query_only = ", was_query_only)));
+    CAIRN_RETURN_IF_ERROR(vacuumed);
     CAIRN_ASSIGN_OR_RETURN(auto target, Database::OpenFile(fresh, Database::Mode::kReadWrite));
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, target->QueryInt("PRAGMA user_version"));
+    if (format >= 4) {
+      CAIRN_ASSIGN_OR_RETURN(const auto writer, DeltaWriter::Prepare(target.get()));
+      CAIRN_RETURN_IF_ERROR(writer->BeginLog());
+    }
     CAIRN_RETURN_IF_ERROR(PrepareForWriting(target.get(), {}));
     CAIRN_RETURN_IF_ERROR(target->Close());
     return PutInPlace(fresh, path);
@@ -198,13 +205,6 @@ absl::Status CopyDatabase(Database* database, const std::string& path) {
     RemoveCompanions(fresh);
   }
   return copied;
-}
-
-std::string NewLogToken() {
-  std::random_device random;
-  std::string token;
-  for (int i = 0; i < 4; ++i) absl::StrAppend(&token, absl::StrFormat("%08x", random() & 0xffffffffu));
-  return token;
 }
 
 absl::Status WriteMapAt(const std::string& fresh, const map::MapInfo& info, absl::string_view vocabulary) {

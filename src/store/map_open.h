@@ -44,9 +44,6 @@ absl::Status WriteNewMap(const std::string& path, const map::MapInfo& info, absl
 // Puts the map file at `fresh`, which nobody has open, in the place of the one at `path`, in one step.
 absl::Status PutInPlace(const std::string& fresh, const std::string& path);
 
-// 32 random hex digits: the token of a writer (docs/map-format.md, "The write-ahead log").
-std::string NewLogToken();
-
 // Inserts or replaces the vocabulary; use inside a transaction.
 absl::Status WriteVocabulary(Database* database, absl::string_view bytes);
 

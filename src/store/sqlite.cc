@@ -248,6 +248,11 @@ absl::Status Database::Close() {
   return absl::OkStatus();
 }
 
+absl::Status Database::CloseWithoutFolding() {
+  sqlite3_db_config(handle_, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr);
+  return Close();
+}
+
 absl::StatusOr<Statement> Database::Prepare(absl::string_view sql) {
   sqlite3_stmt* statement = nullptr;
   const int rc = sqlite3_prepare_v3(handle_, sql.data(), static_cast<int>(sql.size()), SQLITE_PREPARE_PERSISTENT,
@@ -277,6 +282,12 @@ absl::StatusOr<std::string> Database::QueryText(absl::string_view sql) {
 std::int64_t Database::Changes() const { return sqlite3_changes64(handle_); }
 
 bool Database::InTransaction() const { return sqlite3_get_autocommit(handle_) == 0; }
+
+std::int64_t Database::PagesRead() const {
+  int now = 0, highest = 0;
+  sqlite3_db_status(handle_, SQLITE_DBSTATUS_CACHE_MISS, &now, &highest, 0);
+  return now;
+}
 
 absl::StatusOr<std::array<std::uint8_t, Database::kHeaderBytes>> Database::ReadHeader() {
   std::array<std::uint8_t, kHeaderBytes> header{};

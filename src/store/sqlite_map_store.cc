@@ -7,9 +7,11 @@
 #include <chrono>
 #include <utility>
 
+#include "store/delta_reader.h"
 #include "store/delta_writer.h"
 #include "store/digest.h"
 #include "store/file_paths.h"
+#include "store/format_upgrade.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/migrations.h"
@@ -82,13 +84,20 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenLocked(const
   CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(resolved, Database::Mode::kReadWrite));
   CAIRN_RETURN_IF_ERROR(CheckIdentity(database.get()));
   CAIRN_RETURN_IF_ERROR(PrepareForWriting(database.get(), options));
-  CAIRN_RETURN_IF_ERROR(Migrate(database.get(), BuiltInMigrations()));
+  std::vector<std::string> notes;
+  CAIRN_RETURN_IF_ERROR(UpgradeFormat(database.get(), resolved, &notes));
   CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
   std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
   store->lock_ = std::move(lock);
   store->options_ = options;
+  store->notes_ = std::move(notes);
   CAIRN_ASSIGN_OR_RETURN(store->writer_, DeltaWriter::Prepare(store->database_.get()));
-  CAIRN_RETURN_IF_ERROR(store->writer_->ReadMapRow().status());
+  CAIRN_RETURN_IF_ERROR(store->writer_->BeginLog());
+  // The token must be in the file before the first change is in the log.
+  CAIRN_RETURN_IF_ERROR(store->database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
+  CAIRN_ASSIGN_OR_RETURN(const MapRow map_row, store->writer_->ReadMapRow());
+  store->log_token_ = map_row.log_token;
+  store->previous_log_token_ = map_row.previous_log_token;
   CAIRN_ASSIGN_OR_RETURN(store->log_identity_, FileIdentity::Of(absl::StrCat(resolved, kLogSuffix)));
   CAIRN_RETURN_IF_ERROR(store->CheckInPlace());
   return store;
@@ -128,9 +137,25 @@ absl::Status SqliteMapStore::Close() {
   return Annotated(closed);
 }
 
+bool SqliteMapStore::HasOwnContent() {
+  const auto state = ReadMapState(database_.get());
+  if (!state.ok() || !state->has_value()) return false;
+  if ((*state)->log_token != log_token_) return !log_token_.empty() && (*state)->log_token == previous_log_token_;
+  previous_log_token_ = "none";
+  return true;
+}
+
 absl::Status SqliteMapStore::CloseWriting() {
   const absl::Status in_place = CheckInPlace();
+  // Deterministic runs leave the same file.
+  if (in_place.ok() && !options_.record_wall_clock) writer_->EndLog().IgnoreError();
   writer_.reset();
+  if (identity_.IsAt(resolved_) && !HasOwnContent()) {
+    const absl::Status left = database_->CloseWithoutFolding();
+    database_.reset();
+    lock_.reset();
+    return in_place.ok() ? left : in_place;
+  }
   const absl::Status folded = database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)");
   absl::Status status = folded;
   if (!in_place.ok()) status = Rescue(folded.ok() ? in_place : folded);
@@ -140,9 +165,15 @@ absl::Status SqliteMapStore::CloseWriting() {
   return status.ok() ? closed : status;
 }
 
-absl::Status SqliteMapStore::CheckInPlace() const {
+absl::Status SqliteMapStore::CheckInPlace() {
   const std::string log = absl::StrCat(resolved_, kLogSuffix);
   const bool file_in_place = identity_.IsAt(resolved_);
+  if (file_in_place && !HasOwnContent()) {
+    return MakeFault(Fault::kMoved,
+                     absl::StrCat("another file was copied over it while it was written. That is left as it is; what was "
+                                  "mapped since it was opened is lost, but for what is in ",
+                                  log));
+  }
   if (file_in_place && log_identity_.IsAt(log)) return absl::OkStatus();
   if (file_in_place) {
     return MakeFault(Fault::kMoved,
@@ -249,6 +280,18 @@ absl::StatusOr<Revision> SqliteMapStore::ReadRevision() {
   return static_cast<Revision>(*revision);
 }
 
+absl::StatusOr<std::optional<map::Delta>> SqliteMapStore::ReadDelta(const map::Snapshot& base) {
+  auto read = [&]() -> absl::StatusOr<std::optional<map::Delta>> {
+    CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
+                           Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+    CAIRN_ASSIGN_OR_RETURN(auto delta, DeltaReader(database_.get(), base).Read());
+    CAIRN_RETURN_IF_ERROR(CheckUnchanged());
+    return delta;
+  }();
+  if (!read.ok()) return Annotated(read.status());
+  return read;
+}
+
 absl::StatusOr<MapSummary> SqliteMapStore::ReadSummary() {
   auto read = [&]() -> absl::StatusOr<MapSummary> {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
@@ -262,10 +305,13 @@ absl::StatusOr<MapSummary> SqliteMapStore::ReadSummary() {
     summary.keyframes = row.keyframe_count;
     summary.points = row.point_count;
     summary.covisibility_edges = row.covisibility_count;
-    CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database_->QueryInt("PRAGMA user_version"));
-    summary.format_version = static_cast<int>(version);
+    summary.format_version = static_cast<int>(reader.format());
     CAIRN_ASSIGN_OR_RETURN(summary.cameras, database_->QueryInt("SELECT count(*) FROM cameras"));
     CAIRN_ASSIGN_OR_RETURN(summary.sessions, database_->QueryInt("SELECT count(*) FROM sessions"));
+    // Older formats have none by themselves; what they come to is found when the map is loaded.
+    if (reader.format() >= 4) {
+      CAIRN_ASSIGN_OR_RETURN(summary.components, database_->QueryInt("SELECT count(*) FROM components"));
+    }
     CAIRN_ASSIGN_OR_RETURN(const std::int64_t pages, database_->QueryInt("PRAGMA page_count"));
     CAIRN_ASSIGN_OR_RETURN(const std::int64_t page_bytes, database_->QueryInt("PRAGMA page_size"));
     summary.file_bytes = pages * page_bytes;
@@ -277,12 +323,19 @@ absl::StatusOr<MapSummary> SqliteMapStore::ReadSummary() {
   return read;
 }
 
-absl::StatusOr<std::vector<LoggedChange>> SqliteMapStore::ReadChanges(int max_count) {
+absl::StatusOr<std::vector<LoggedChange>> SqliteMapStore::ReadChanges(const ChangeQuery& query) {
   auto read = [&]() -> absl::StatusOr<std::vector<LoggedChange>> {
-    CAIRN_ASSIGN_OR_RETURN(Statement rows,
-                           database_->Prepare(kChangesTable.SelectSql("ORDER BY revision DESC LIMIT ?")));
-    rows.Bind(1, static_cast<std::int64_t>(std::max(0, max_count)));
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, database_->QueryInt("PRAGMA user_version"));
     std::vector<LoggedChange> changes;
+    // Formats before 4 do not know who made a change.
+    if (query.session && format < 4) return changes;
+    const std::string by_session = query.session ? absl::StrCat(" AND session = ", query.session.value()) : "";
+    CAIRN_ASSIGN_OR_RETURN(
+        Statement rows,
+        database_->Prepare(kChangesTable.SelectSql(
+            absl::StrCat("WHERE revision >= ?1", by_session, " ORDER BY revision DESC LIMIT ?2"), format)));
+    rows.Bind(1, static_cast<std::int64_t>(query.from_revision));
+    rows.Bind(2, static_cast<std::int64_t>(std::max(0, query.max_count)));
     Row row;
     while (true) {
       CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());

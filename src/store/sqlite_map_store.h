@@ -61,8 +61,10 @@ class SqliteMapStore : public MapStore {
   absl::Status Annotated(const absl::Status& status) const;
   absl::Status CheckUnchanged() const;
   absl::Status RequireWritable() const;
-  // Fault kMoved unless the file and its log are where they were.
-  absl::Status CheckInPlace() const;
+  // Fault kMoved unless the file and its log are where they were, and the file has the content that it had.
+  absl::Status CheckInPlace();
+  // Whether the file on disk is the one of this writer, and not one that was copied over it.
+  bool HasOwnContent();
   // What Close() says, and does, if they are not; the log is folded already.
   absl::Status Rescue(const absl::Status& moved);
   absl::Status CloseWriting();
@@ -75,6 +77,9 @@ class SqliteMapStore : public MapStore {
   std::unique_ptr<DeltaWriter> writer_;  // null: read-only
   WriteOptions options_;
   FileIdentity identity_;
+  std::string log_token_;  // of a writer, see write_ahead_log.h
+  // The one before, while a reader at work kept the own one from getting into the file.
+  std::string previous_log_token_;
   FileIdentity log_identity_;    // of a writer
   std::string immutable_stamp_;  // not empty: opened on the promise that nobody writes; this tells whether that held
   std::vector<std::string> notes_;

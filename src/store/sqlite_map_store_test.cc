@@ -7,7 +7,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <ctime>
 #include <limits>
 
 #include "map/lens.h"
@@ -26,12 +25,6 @@ using testing::SameBits;
 using testing::TempFolder;
 using testing::TestInfo;
 using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr double kSanitizerSlowdown = 10.0;
-#else
-constexpr double kSanitizerSlowdown = 1.0;
-#endif
 
 std::string Message(const absl::Status& status) { return std::string(status.message()); }
 
@@ -162,39 +155,6 @@ TEST(SqliteMapStore, LoopsAreKeptInOrder) {
   EXPECT_EQ((*file->LoadSnapshot())->sessions().at(SessionId(1)).loops, map->sessions().at(SessionId(1)).loops);
 }
 
-// A file as the first version of the format had it.
-TEST(SqliteMapStore, OlderFormatIsReadAndBroughtUpToDate) {
-  const TempFolder folder;
-  const std::string path = folder.File("a.cairn");
-  MapGrower grower(6);
-  SnapshotPtr map;
-  {
-    auto file = *SqliteMapStore::Create(path, TestInfo(), {.vocabulary = "words"});
-    map = Grow(file.get(), &grower, 4);
-    ASSERT_TRUE(file->Close().ok());
-    auto database = *Database::OpenFile(path, Database::Mode::kReadWrite);
-    ASSERT_TRUE(
-        database
-            ->Execute("DROP TABLE lenses; DROP TABLE loops; DROP TABLE reported_trajectories; PRAGMA user_version = 1")
-            .ok());
-  }
-  ExpectFileHolds(path, *map);
-  EXPECT_EQ((*(*SqliteMapStore::OpenReadOnly(path))->ReadSummary()).format_version, 1);
-  auto file = SqliteMapStore::Open(path);
-  ASSERT_TRUE(file.ok()) << file.status();
-  EXPECT_EQ((*(*file)->ReadSummary()).format_version, SupportedFormatVersion());
-  EXPECT_TRUE(SameBits(**(*file)->LoadSnapshot(), *map));
-  Change(file->get(), &map, grower.AddKeyframe(map));
-  map::Edit edit(map);
-  map::Session session = map->sessions().at(SessionId(1));
-  session.loops.push_back({KeyframeId(4), 2, KeyframeId(1), 1, 50, 1.01, 0.25, 0.1, 60.5});
-  session.trajectory = map::ReportedTrajectory{true, 4, 0, "refined: a loop was closed"};
-  edit.PutSession(session);
-  Change(file->get(), &map, edit.Finish("close loop"));
-  ASSERT_TRUE((*file)->Close().ok());
-  ExpectFileHolds(path, *map);
-}
-
 TEST(SqliteMapStore, ContinuesAfterReopening) {
   const TempFolder folder;
   const std::string path = folder.File("a.cairn");
@@ -229,7 +189,7 @@ TEST(SqliteMapStore, SummaryAndLog) {
   EXPECT_EQ(summary.vocabulary_bytes, 5);
   EXPECT_EQ(summary.info.name, "office");
   EXPECT_GT(summary.covisibility_edges, 0);
-  const std::vector<LoggedChange> changes = *file->ReadChanges(2);
+  const std::vector<LoggedChange> changes = *file->ReadChanges({.max_count = 2});
   ASSERT_EQ(changes.size(), 2u);
   EXPECT_EQ(changes[0].revision, 4u);
   EXPECT_EQ(changes[0].reason, "insert keyframe 3");
@@ -252,7 +212,7 @@ TEST(SqliteMapStore, LogIsBounded) {
   EXPECT_EQ(changes.size(), static_cast<std::size_t>(kMaxLoggedChanges));
   EXPECT_EQ(changes.front().revision, map->revision());
   EXPECT_EQ(changes.front().committed_unix_ns, 0);
-  EXPECT_EQ((*(*SqliteMapStore::OpenReadOnly(file->path()))->ReadChanges(5)).size(), 5u);
+  EXPECT_EQ((*(*SqliteMapStore::OpenReadOnly(file->uri()))->ReadChanges({.max_count = 5})).size(), 5u);
 }
 
 TEST(SqliteMapStore, DigestNamesContentOnly) {
@@ -305,9 +265,6 @@ TEST(SqliteMapStore, RejectedChangesLeaveTheFileAsItWas) {
   bad.removed_keyframes.push_back(KeyframeId(77));
   expect_rejected(bad, absl::StatusCode::kInvalidArgument);
   bad = good;
-  bad.points.push_back(bad.points.front());
-  expect_rejected(bad, absl::StatusCode::kInvalidArgument);
-  bad = good;
   auto lost = std::make_shared<map::MapPoint>(*bad.points.back());
   lost->position.x() = std::numeric_limits<double>::quiet_NaN();
   bad.points.back() = lost;
@@ -320,14 +277,6 @@ TEST(SqliteMapStore, RejectedChangesLeaveTheFileAsItWas) {
   orphan = std::make_shared<map::Keyframe>(*good.keyframes.back());
   orphan->parent = KeyframeId(1234);
   bad.keyframes.back() = orphan;
-  expect_rejected(bad, absl::StatusCode::kInvalidArgument);
-  bad = good;
-  bad.info = map->info();
-  bad.info->id = "another";
-  expect_rejected(bad, absl::StatusCode::kInvalidArgument);
-  bad = good;
-  bad.cameras.push_back(map->cameras().begin()->second);
-  bad.cameras.back().model.fx_px = -1;
   expect_rejected(bad, absl::StatusCode::kInvalidArgument);
   Change(file.get(), &map, good);
   ExpectFileHolds(path, *map);
@@ -383,7 +332,7 @@ TEST(SqliteMapStore, OneWriterAtATime) {
   const absl::Status second = SqliteMapStore::Open(path).status();
   EXPECT_EQ(FaultOf(second), Fault::kBusy);
   EXPECT_EQ(second.code(), absl::StatusCode::kUnavailable);
-  EXPECT_THAT(Message(second), HasSubstr("is being written by another process"));
+  EXPECT_THAT(Message(second), HasSubstr("is being written by this process already"));
   const std::string link = folder.File("link.cairn");
   ASSERT_EQ(symlink("a.cairn", link.c_str()), 0);
   EXPECT_EQ(FaultOf(SqliteMapStore::Open(link).status()), Fault::kBusy);
@@ -412,7 +361,9 @@ TEST(SqliteMapStore, SqlViews) {
   while (*rows.Step()) {
     const Vector3d center = map->keyframe(KeyframeId(static_cast<std::uint32_t>(rows.Int(6)))).CenterInMap();
     EXPECT_LT((center - Vector3d(rows.Real(0), rows.Real(1), rows.Real(2))).norm(), 1e-12);
-    EXPECT_LT((*map->info().world_from_map * center - Vector3d(rows.Real(3), rows.Real(4), rows.Real(5))).norm(),
+    EXPECT_LT((*map->component(ComponentId(1)).world_from_component * center -
+               Vector3d(rows.Real(3), rows.Real(4), rows.Real(5)))
+                  .norm(),
               1e-12);
     ++count;
   }
@@ -421,7 +372,9 @@ TEST(SqliteMapStore, SqlViews) {
   while (*rows.Step()) {
     const Vector3d position = map->point(PointId(static_cast<std::uint32_t>(rows.Int(6)))).position;
     EXPECT_EQ(position, Vector3d(rows.Real(0), rows.Real(1), rows.Real(2)));
-    EXPECT_LT((*map->info().world_from_map * position - Vector3d(rows.Real(3), rows.Real(4), rows.Real(5))).norm(),
+    EXPECT_LT((*map->component(ComponentId(1)).world_from_component * position -
+               Vector3d(rows.Real(3), rows.Real(4), rows.Real(5)))
+                  .norm(),
               1e-12);
     ++count;
   }
@@ -455,33 +408,6 @@ TEST(SqliteMapStore, SizePerKeyframe) {
                 static_cast<double>(map->points().size()) / kKeyframes, static_cast<long>(bytes));
     EXPECT_LE(bytes, 60000);
   }
-}
-
-// Processor time: what a busy machine and its disk add is another matter.
-double ProcessorMs() { return 1e3 * static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
-
-TEST(SqliteMapStore, CommitsFast) {
-  const TempFolder folder(/*on_disk=*/true);
-  auto file = *SqliteMapStore::Create(folder.File("a.cairn"), TestInfo());
-  MapGrower grower(14, {.features = 1000, .new_points = 110});
-  SnapshotPtr map = Grow(file.get(), &grower, 40);
-  std::vector<double> times_ms;
-  std::size_t points = 0;
-  for (int i = 0; i < 9; ++i) {
-    const map::Delta delta = grower.Adjust(map, 20);
-    points = delta.points.size();
-    const double start_ms = ProcessorMs();
-    ASSERT_TRUE(file->Commit(delta).ok());
-    times_ms.push_back(ProcessorMs() - start_ms);
-    map = *map->Apply(delta);
-  }
-  std::sort(times_ms.begin(), times_ms.end());
-  const double start_ms = ProcessorMs();
-  ASSERT_TRUE(file->LoadSnapshot().ok());
-  std::printf("processor time: commit of 20 keyframes and %zu points %.1f ms median, load of 40 keyframes %.1f ms\n",
-              points, times_ms[4], ProcessorMs() - start_ms);
-  EXPECT_GE(points, 2000u);
-  EXPECT_LT(times_ms[4], 20.0 * kSanitizerSlowdown);
 }
 
 }  // namespace

@@ -4,9 +4,11 @@
 #include <array>
 #include <cstring>
 #include <fstream>
+#include <random>
 #include <set>
 #include <vector>
 
+#include "absl/strings/str_format.h"
 #include "store/fault.h"
 #include "store/file_paths.h"
 #include "store/writer_lock.h"
@@ -35,6 +37,11 @@ std::uint32_t BigEndian(const std::uint8_t* at) {
 std::uint32_t LittleEndian(const std::uint8_t* at) {
   return static_cast<std::uint32_t>(at[3]) << 24 | static_cast<std::uint32_t>(at[2]) << 16 |
          static_cast<std::uint32_t>(at[1]) << 8 | at[0];
+}
+
+std::uint32_t PageBytes(Bytes header) {
+  const std::uint32_t bytes = static_cast<std::uint32_t>(header[kPageSizeAt]) << 8 | header[kPageSizeAt + 1];
+  return bytes == 1 ? 65536 : bytes;
 }
 
 // Reads a record: a variable-length integer, or a column. False at the end of the bytes.
@@ -193,12 +200,9 @@ absl::StatusOr<BaseState> ReadBase(const std::string& path) {
   CAIRN_ASSIGN_OR_RETURN(const auto database, Database::OpenFile(path, Database::Mode::kImmutable));
   CAIRN_ASSIGN_OR_RETURN(const auto header, database->ReadHeader());
   BaseState base;
-  base.page_bytes = static_cast<std::uint32_t>(header[kPageSizeAt]) << 8 | header[kPageSizeAt + 1];
-  if (base.page_bytes == 1) base.page_bytes = 65536;
+  base.page_bytes = PageBytes(header);
   base.cookie = BigEndian(header.data() + kSchemaCookieAt);
-  std::vector<std::uint8_t> page(base.page_bytes);
-  CAIRN_RETURN_IF_ERROR(database->ReadRaw(page, base.page_bytes * (kMapPage - 1)));
-  base.map = ParseMapPage(page);
+  CAIRN_ASSIGN_OR_RETURN(base.map, ReadMapState(database.get()));
   return base;
 }
 
@@ -245,6 +249,13 @@ absl::Status CheckJournal(const std::string& path) {
 
 }  // namespace
 
+std::string NewLogToken() {
+  std::random_device random;
+  std::string token;
+  for (int i = 0; i < 4; ++i) absl::StrAppend(&token, absl::StrFormat("%08x", random() & 0xffffffffu));
+  return token;
+}
+
 std::optional<MapState> ParseMapPage(Bytes page) {
   const std::vector<Column> columns = OnlyRow(page);
   MapState state;
@@ -264,6 +275,14 @@ std::optional<MapState> ParseMapPage(Bytes page) {
   return state;
 }
 
+absl::StatusOr<std::optional<MapState>> ReadMapState(Database* database) {
+  CAIRN_ASSIGN_OR_RETURN(const auto header, database->ReadHeader());
+  const std::uint32_t page_bytes = PageBytes(header);
+  std::vector<std::uint8_t> page(page_bytes);
+  CAIRN_RETURN_IF_ERROR(database->ReadRaw(page, std::int64_t{page_bytes} * (kMapPage - 1)));
+  return ParseMapPage(page);
+}
+
 absl::Status CheckLog(const std::string& path) {
   CAIRN_RETURN_IF_ERROR(CheckJournal(path));
   const std::string log_path = absl::StrCat(path, kLogSuffix);
@@ -276,7 +295,7 @@ absl::Status CheckLog(const std::string& path) {
     if (!base.ok()) return absl::OkStatus();  // whoever opens the file is told why it cannot be read
     wrong = Contradiction(*base, LogReader(log_path).Read());
     if (wrong.empty()) return absl::OkStatus();
-    if (!WriterLock::IsHeld(path)) break;
+    if (attempt >= 2 && !WriterLock::IsHeld(path)) break;
   }
   return MakeFault(Fault::kForeignLog,
                    absl::StrCat("the write-ahead log beside it, ", log_path, ", does not belong to this file: ", wrong,

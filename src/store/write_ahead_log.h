@@ -22,8 +22,14 @@ struct MapState {
   std::int64_t schema_cookie = 0;  // SQLite's, of the database that the writer writes: a copy has another
 };
 
+// 32 random hex digits: the token of a writer.
+std::string NewLogToken();
+
 // From the bytes of that page; none if they are not such a page.
 std::optional<MapState> ParseMapPage(Bytes page);
+
+// From the file of a database as it is on disk, without its log.
+absl::StatusOr<std::optional<MapState>> ReadMapState(Database* database);
 
 // OK if there is no log at `path`-wal, or one that SQLite may replay onto the file at `path`; else fault kForeignLog.
 // Nothing is changed.
