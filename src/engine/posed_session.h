@@ -24,6 +24,8 @@ class PosedSession {
 
   // Matches, triangulates, adjusts, commits, and closes the session in the map.
   absl::StatusOr<mapping::PosedMapperReport> Finish();
+  // That it has mapped into, after Finish().
+  ComponentId component() const { return component_; }
 
  private:
   PosedSession(image::Undistorter undistorter, bool deterministic, LiveMap* map)
@@ -34,6 +36,7 @@ class PosedSession {
   SessionHead head_;
   map::Session session_;
   TimeNs last_time_ns_ = 0;
+  ComponentId component_;
   std::unique_ptr<mapping::PosedMapper> mapper_;
 };
 

@@ -237,6 +237,7 @@ class Session::Impl : public LiveMap::Listener {
   SessionReport Report() const {
     const map::Snapshot& map = live_->Published()->map();
     SessionReport report;
+    report.session = session_.id;
     report.odometry = runner_->odometry().Statistics();
     report.lens = mapper_->lens();
     report.trajectory = trajectory_;

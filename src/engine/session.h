@@ -64,6 +64,7 @@ struct LocatedAt {
 };
 
 struct SessionReport {
+  SessionId session;
   std::int64_t frames = 0;
   std::int64_t frames_tracked = 0;
   std::int64_t direct_keyframes = 0;
