@@ -372,6 +372,8 @@ TEST(MapFaults, ReplacingAMapDoesNotDisturbItsReaders) {
   change(grower.Start(map));
   EXPECT_TRUE(testing::SameBits(**reader->LoadSnapshot(), *old_map));
   change(grower.AddKeyframe(map));
+  EXPECT_EQ(FaultOf(reader->ReadRevision().status()), Fault::kMoved);
+  EXPECT_EQ(FaultOf(reader->ReadDelta(*old_map).status()), Fault::kMoved);
   reader.reset();  // must not tidy up what belongs to the new map
   change(grower.AddKeyframe(map));
   EXPECT_TRUE(testing::SameBits(**(*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot(), *map));

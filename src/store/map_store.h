@@ -129,7 +129,8 @@ class MapStore {
   // As it was put. NotFound (without a fault) if the map has none.
   virtual absl::StatusOr<std::string> LoadVocabulary() = 0;
 
-  // Cheap: to see whether a writer has moved on.
+  // Cheap: to see whether a writer has moved on. kMoved, as of ReadDelta, if the map was removed or replaced by another
+  // one since it was opened: open it again.
   virtual absl::StatusOr<Revision> ReadRevision() = 0;
   // All changes since `base`, a revision of this map, as one: base.Apply() makes it the newest revision, equal to the
   // bit to what LoadSnapshot() gives. Reads as much as changed; what did not is shared with `base`. With

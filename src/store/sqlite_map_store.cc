@@ -169,10 +169,11 @@ absl::Status SqliteMapStore::CheckInPlace() {
   const std::string log = absl::StrCat(resolved_, kLogSuffix);
   const bool file_in_place = identity_.IsAt(resolved_);
   if (file_in_place && !HasOwnContent()) {
-    return MakeFault(Fault::kMoved,
-                     absl::StrCat("another file was copied over it while it was written. That is left as it is; what was "
-                                  "mapped since it was opened is lost, but for what is in ",
-                                  log));
+    return MakeFault(
+        Fault::kMoved,
+        absl::StrCat("another file was copied over it while it was written. That is left as it is; what was "
+                     "mapped since it was opened is lost, but for what is in ",
+                     log));
   }
   if (file_in_place && log_identity_.IsAt(log)) return absl::OkStatus();
   if (file_in_place) {
@@ -274,13 +275,20 @@ absl::StatusOr<std::string> SqliteMapStore::LoadVocabulary() {
   return loaded;
 }
 
+absl::Status SqliteMapStore::CheckStillThere() const {
+  if (writable() || identity_.IsAt(resolved_)) return absl::OkStatus();
+  return Annotated(MakeFault(Fault::kMoved, "it was removed, moved or replaced since it was opened; open it again"));
+}
+
 absl::StatusOr<Revision> SqliteMapStore::ReadRevision() {
+  CAIRN_RETURN_IF_ERROR(CheckStillThere());
   const absl::StatusOr<std::int64_t> revision = database_->QueryInt("SELECT revision FROM map");
   if (!revision.ok()) return Annotated(revision.status());
   return static_cast<Revision>(*revision);
 }
 
 absl::StatusOr<std::optional<map::Delta>> SqliteMapStore::ReadDelta(const map::Snapshot& base) {
+  CAIRN_RETURN_IF_ERROR(CheckStillThere());
   auto read = [&]() -> absl::StatusOr<std::optional<map::Delta>> {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));

@@ -63,6 +63,8 @@ class SqliteMapStore : public MapStore {
   absl::Status RequireWritable() const;
   // Fault kMoved unless the file and its log are where they were, and the file has the content that it had.
   absl::Status CheckInPlace();
+  // For readers: fault kMoved if there is another file, or none, where it was opened.
+  absl::Status CheckStillThere() const;
   // Whether the file on disk is the one of this writer, and not one that was copied over it.
   bool HasOwnContent();
   // What Close() says, and does, if they are not; the log is folded already.

@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 
+#include "base/ids.h"
 #include "base/status.h"
 #include "store/sqlite.h"
 

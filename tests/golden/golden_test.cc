@@ -1,5 +1,5 @@
-// Map files of every released format, as the software of their time wrote them: they are read as they are, brought up to
-// date, and localized against before and after. README.md tells how they were made.
+// Map files of every released format, as the software of their time wrote them: they are read as they are, brought up
+// to date, and localized against before and after. README.md tells how they were made.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -190,7 +190,8 @@ TEST_P(GoldenFile, SurvivesAnUpgradeThatIsCutShort) {
 
 INSTANTIATE_TEST_SUITE_P(Formats, GoldenFile, ::testing::ValuesIn(Goldens()), [](const auto& tested) {
   std::string name = tested.param.name + "_" + tested.param.query;
-  std::replace_if(name.begin(), name.end(), [](char c) { return c == '.'; }, '_');
+  std::replace_if(
+      name.begin(), name.end(), [](char c) { return c == '.'; }, '_');
   return name;
 });
 

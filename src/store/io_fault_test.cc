@@ -1,0 +1,106 @@
+// Every call by which a map file is changed fails once: what was acknowledged stays, and nothing else is seen.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "store/test_failing_vfs.h"
+#include "store/test_files.h"
+#include "store/test_maps.h"
+
+namespace cairn::store {
+namespace {
+
+using testing::FailingVfs;
+using ::testing::IsEmpty;
+using testing::MakeMap;
+using testing::MapGrower;
+using testing::SameBits;
+using testing::TempFolder;
+using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
+
+SnapshotPtr Load(const std::string& path) {
+  const auto store = SqliteMapStore::OpenReadOnly(path);
+  EXPECT_TRUE(store.ok()) << store.status();
+  EXPECT_THAT(*(*store)->Verify(), IsEmpty());
+  return *(*store)->LoadSnapshot();
+}
+
+// Adds keyframes and removes things, with the n-th call failing; tells whether any did.
+bool CommitWithFailure(const std::string& path, int n, bool for_ever) {
+  FailingVfs vfs;
+  auto store = *SqliteMapStore::Open(path);
+  SnapshotPtr map = *store->LoadSnapshot();
+  MapGrower grower(static_cast<std::uint64_t>(n), {.features = 30, .new_points = 8});
+  vfs.FailAt(n, for_ever);
+  for (int change = 0; change < 3; ++change) {
+    const map::Delta delta = change == 1 ? grower.Cull(map) : grower.AddKeyframe(map);
+    const absl::Status status = store->Commit(delta);
+    if (status.ok()) {
+      map = *map->Apply(delta);
+      continue;
+    }
+    EXPECT_NE(FaultOf(status), Fault::kNone) << status;
+    EXPECT_GT(vfs.failed(), 0);
+    if (for_ever) break;
+    // What failed once can be done again.
+    const absl::Status again = store->Commit(delta);
+    EXPECT_TRUE(again.ok()) << "call " << n << ": " << again;
+    map = *map->Apply(delta);
+  }
+  const bool failed = vfs.failed() > 0;
+  // Cut off as by a kill, at times: nothing is tidied up.
+  const absl::Status closed = store->Close();
+  if (!for_ever) {
+    EXPECT_TRUE(closed.ok() || failed) << closed;
+  }
+  store.reset();
+  vfs.FailAt(0, false);
+  EXPECT_TRUE(SameBits(*Load(path), *map)) << "call " << n;
+  return failed;
+}
+
+TEST(IoFault, OfEveryCallOfACommit) {
+  for (const bool for_ever : {false, true}) {
+    const TempFolder folder;
+    const std::string path = folder.File("a.cairn"), original = folder.File("original");
+    MakeMap(original, 1, 6, {.features = 30, .new_points = 8});
+    int n = 1;
+    for (;; ++n) {
+      for (const std::string& name : folder.Names()) {
+        if (name != "original") std::filesystem::remove(folder.File(name));
+      }
+      std::filesystem::copy_file(original, path);
+      if (!CommitWithFailure(path, n, for_ever)) break;
+    }
+    EXPECT_GT(n, 30);
+  }
+}
+
+TEST(IoFault, OfEveryCallOfAnOpening) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn"), original = folder.File("original");
+  const SnapshotPtr map = MakeMap(original, 2, 4, {.features = 30, .new_points = 8});
+  for (int n = 1;; ++n) {
+    for (const std::string& name : folder.Names()) {
+      if (name != "original") std::filesystem::remove(folder.File(name));
+    }
+    std::filesystem::copy_file(original, path);
+    bool failed = false;
+    {
+      FailingVfs vfs;
+      vfs.FailAt(n, /*for_ever=*/true);
+      const auto store = SqliteMapStore::Open(path);
+      failed = vfs.failed() > 0;
+      if (!failed) {
+        EXPECT_TRUE(store.ok()) << store.status();
+      }
+      vfs.FailAt(0, false);
+    }
+    EXPECT_TRUE(SameBits(*Load(path), *map)) << "call " << n;
+    if (!failed) break;
+  }
+}
+
+}  // namespace
+}  // namespace cairn::store
