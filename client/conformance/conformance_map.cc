@@ -32,7 +32,6 @@ map::MapInfo Info() {
   info.name = "conformance";
   info.software_version = "test";
   info.orb.num_features = 600;
-  info.world_from_map = Sim3(Quaterniond::Identity(), Vector3d(10.0, 0.0, 0.0), 2.0);
   return info;
 }
 
@@ -98,6 +97,9 @@ const ConformanceMap* Make() {
   session.source = "rendered";
   session.complete = true;
   keyframe.session = edit.AddSession(session);
+  map::Component component;
+  component.world_from_component = Sim3(Quaterniond::Identity(), Vector3d(10.0, 0.0, 0.0), 2.0);
+  edit.AddComponent(component);
   for (std::size_t i = 0; i < poses.size(); ++i) {
     auto shared = std::make_shared<map::KeyframeFeatures>();
     for (const auto& descriptor : features[i].descriptors) shared->words.push_back(vocabulary.Lookup(descriptor));

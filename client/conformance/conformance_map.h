@@ -18,7 +18,7 @@ struct ConformanceMap {
   std::shared_ptr<const map::Snapshot> snapshot;
 };
 
-// Made once per process. world_from_map doubles the scale and moves along x by 10.
+// Made once per process. world_from_component doubles the scale and moves along x by 10.
 const ConformanceMap& TheConformanceMap();
 
 // Writes it to a new map file.

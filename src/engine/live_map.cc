@@ -147,13 +147,14 @@ void LiveMap::Publish(Pending change) {
 absl::Status LiveMap::StoreInBackground() {
   const std::lock_guard editing(edit_mutex_);
   if (thread_.joinable()) return absl::OkStatus();
-  CAIRN_ASSIGN_OR_RETURN(thread_, StartThread("storing changes of the map", [this] { StoreChanges(); },
-                                              [this](const absl::Status& status) {
-                                                const std::lock_guard lock(mutex_);
-                                                failure_.Update(status);
-                                                under_way_.reset();
-                                                changed_.notify_all();
-                                              }));
+  CAIRN_ASSIGN_OR_RETURN(thread_, StartThread(
+                                      "storing changes of the map", [this] { StoreChanges(); },
+                                      [this](const absl::Status& status) {
+                                        const std::lock_guard lock(mutex_);
+                                        failure_.Update(status);
+                                        under_way_.reset();
+                                        changed_.notify_all();
+                                      }));
   return absl::OkStatus();
 }
 

@@ -1,7 +1,7 @@
-// What a session does for the map as a whole: after each keyframe of the feature module the search for another component
-// that it sees, and for a loop within its own; after either the bundle adjustment of the component, in a thread of its
-// own or, in deterministic mode, at once. The adjustment reads a snapshot, is cut short by the next loop or join, and is
-// merged into what the map has become meanwhile. Every change goes through the head of the map.
+// What a session does for the map as a whole: after each keyframe of the feature module the search for another
+// component that it sees, and for a loop within its own; after either the bundle adjustment of the component, in a
+// thread of its own or, in deterministic mode, at once. The adjustment reads a snapshot, is cut short by the next loop
+// or join, and is merged into what the map has become meanwhile. Every change goes through the head of the map.
 #pragma once
 
 #include <atomic>
@@ -27,8 +27,8 @@ namespace cairn::engine {
 struct LoopRunnerOptions {
   mapping::LoopOptions loops;
   mapping::JoinOptions joins;
-  bool close_loops = true;      // false: components are joined alone
-  bool in_background = true;    // adjustments in a thread of their own
+  bool close_loops = true;    // false: components are joined alone
+  bool in_background = true;  // adjustments in a thread of their own
   bool record_wall_clock = true;
 };
 

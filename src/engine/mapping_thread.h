@@ -1,6 +1,6 @@
 // The feature module's thread: takes jobs from a bounded queue, one after the other. Without a thread they are done at
-// once, in the caller's. The first error stays, and ends it all: what is queued behind it is dropped, so that nobody who
-// waits for room is ever stuck.
+// once, in the caller's. The first error stays, and ends it all: what is queued behind it is dropped, so that nobody
+// who waits for room is ever stuck.
 #pragma once
 
 #include <functional>
@@ -27,8 +27,9 @@ class MappingThread {
 
   // From now on jobs are done by a thread. ResourceExhausted if none can be had.
   absl::Status Start() {
-    CAIRN_ASSIGN_OR_RETURN(thread_, StartThread("mapping", [this] { Run(); },
-                                                [this](const absl::Status& status) { SetStatus(status); }));
+    CAIRN_ASSIGN_OR_RETURN(
+        thread_, StartThread(
+                     "mapping", [this] { Run(); }, [this](const absl::Status& status) { SetStatus(status); }));
     return absl::OkStatus();
   }
   bool in_background() const { return thread_.joinable(); }

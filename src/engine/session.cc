@@ -7,8 +7,8 @@
 #include <utility>
 #include <variant>
 
-#include "engine/lost_search.h"
 #include "engine/loop_runner.h"
+#include "engine/lost_search.h"
 #include "engine/mapping_thread.h"
 #include "engine/odometry_runner.h"
 #include "engine/session_head.h"
@@ -54,8 +54,8 @@ class Session::Impl : public LiveMap::Listener {
     {
       const SessionHead::Turn turn(&head_);
       CAIRN_ASSIGN_OR_RETURN(session_, BeginSession(source, preparation_.pinhole(), !options_.deterministic, head_));
-      CAIRN_ASSIGN_OR_RETURN(mapper_, mapping::FeatureMapper::Create(options_.mapping, &head_, session_.id,
-                                                                     session_.camera));
+      CAIRN_ASSIGN_OR_RETURN(mapper_,
+                             mapping::FeatureMapper::Create(options_.mapping, &head_, session_.id, session_.camera));
       LoopRunnerOptions loops;
       loops.loops = options_.loops;
       loops.joins = options_.joins;
@@ -108,9 +108,9 @@ class Session::Impl : public LiveMap::Listener {
     const SessionHead::Turn turn(&head_);
     if (!mapper_->component()) {
       const std::string& waited = runner_->waiting_for();
-      return absl::FailedPreconditionError(
-          absl::StrCat(session_.policy == map::SessionPolicy::kCreate ? "no map was made: " : "nothing was added to the map: ",
-                       waited.empty() ? "there was no keyframe to map" : waited));
+      return absl::FailedPreconditionError(absl::StrCat(
+          session_.policy == map::SessionPolicy::kCreate ? "no map was made: " : "nothing was added to the map: ",
+          waited.empty() ? "there was no keyframe to map" : waited));
     }
     CAIRN_RETURN_IF_ERROR(loops_->Finish(head_));
     mapper_->ReviseDirectPoses(DirectPoses());
@@ -125,8 +125,7 @@ class Session::Impl : public LiveMap::Listener {
 
   // In the thread of whoever changes the map, while it has the head.
   void OnChange(const tracking::MapView& before, const map::Delta& delta,
-                const std::shared_ptr<const tracking::MapView>& after,
-                const mapping::KeyframeScales& scales) override {
+                const std::shared_ptr<const tracking::MapView>& after, const mapping::KeyframeScales& scales) override {
     mapper_->OnChange(before, delta, after, scales);
     if (!scales.empty()) loops_->OnCorrection();
   }

@@ -1,7 +1,7 @@
 // One session: a camera stream becomes, or extends, a map. Takes raw images in temporal order, runs the direct odometry
 // on each and the feature module on the keyframes that leave it, and commits every change of the map as it happens.
-// It maps into a component of its own until overlap with another one is proven, and looks for that all the time; several
-// sessions can do so in one map at once.
+// It maps into a component of its own until overlap with another one is proven, and looks for that all the time;
+// several sessions can do so in one map at once.
 //
 // Owns every thread of the processing: AddFrame() tracks in the caller's thread, the odometry maps in a second one, and
 // the feature module works in a third. In deterministic mode there is none but the caller's: the same input gives the
@@ -19,8 +19,8 @@
 #include "base/time.h"
 #include "direct/odometry.h"
 #include "engine/frame_preparation.h"
-#include "engine/live_poses.h"
 #include "engine/live_map.h"
+#include "engine/live_poses.h"
 #include "engine/session_record.h"
 #include "mapping/collinearity.h"
 #include "mapping/component_join.h"
@@ -72,11 +72,11 @@ struct SessionReport {
   std::int64_t points = 0;
   // Those with keyframes; the poses of one say nothing of those of another.
   std::vector<ComponentShare> components;
-  ComponentId component;             // in which the session ended
+  ComponentId component;  // in which the session ended
   map::SessionResult result = map::SessionResult::kUnknown;
-  std::optional<LocatedAt> located;  // of a session that was found in an earlier component, and proved it
-  std::vector<mapping::JoinReport> joins;  // in order
-  std::vector<TimeNs> join_times_ns;       // of the keyframes that proved them
+  std::optional<LocatedAt> located;           // of a session that was found in an earlier component, and proved it
+  std::vector<mapping::JoinReport> joins;     // in order
+  std::vector<TimeNs> join_times_ns;          // of the keyframes that proved them
   std::map<std::string, int> joins_rejected;  // keyframes found elsewhere that proved nothing, by the reason
   std::int64_t feature_losses = 0;            // times the feature module lost the map
   std::vector<mapping::LoopReport> loops;     // closed, in order
@@ -97,7 +97,8 @@ struct SessionReport {
 
 class Session {
  public:
-  // `map` must outlive the session. InvalidArgument also for a camera that contradicts one of the map (session_record.h).
+  // `map` must outlive the session. InvalidArgument also for a camera that contradicts one of the map
+  // (session_record.h).
   static absl::StatusOr<std::unique_ptr<Session>> Create(const SessionOptions& options, const SessionSource& source,
                                                          LiveMap* map);
   ~Session();
@@ -117,9 +118,10 @@ class Session {
   // Where the session is by now, for those who wait for it: in a component of its own, or found in an earlier one. From
   // any thread.
   struct Whereabouts {
-    ComponentId component;             // none before the first keyframe
-    std::optional<LocatedAt> located;  // as soon as an image was found in a component that was there before, proven or not
-    bool joined = false;               // and proven
+    ComponentId component;  // none before the first keyframe
+    std::optional<LocatedAt>
+        located;          // as soon as an image was found in a component that was there before, proven or not
+    bool joined = false;  // and proven
   };
   Whereabouts Where() const;
 

@@ -24,9 +24,9 @@ struct SessionSource {
   std::string settings_json = "{}";
 };
 
-// The camera of the map with this calibration, or a new one for images undistorted to `pinhole`: the same camera is one,
-// however often it comes. InvalidArgument if the map has another calibration under the same name (`name` may be empty),
-// with both.
+// The camera of the map with this calibration, or a new one for images undistorted to `pinhole`: the same camera is
+// one, however often it comes. InvalidArgument if the map has another calibration under the same name (`name` may be
+// empty), with both.
 absl::StatusOr<CameraId> FindOrAddCamera(const std::string& name, const Camera& camera, const Pinhole& pinhole,
                                          map::Edit* edit);
 

@@ -34,8 +34,7 @@ SessionOptions Threads(int threads) {
 
 absl::StatusOr<SessionReport> RunAll(const SessionOptions& options, const std::vector<RawFrame>& frames,
                                      LiveMap* live) {
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                         Session::Create(options, testing::SwaySource(), live));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session, Session::Create(options, testing::SwaySource(), live));
   for (const RawFrame& frame : frames) CAIRN_RETURN_IF_ERROR(session->AddFrame(frame).status());
   return session->Finish();
 }

@@ -13,8 +13,8 @@
 #include "base/status.h"
 #include "base/time.h"
 #include "map/edit.h"
-#include "mapping/pose_check.h"
 #include "mapping/map_head.h"
+#include "mapping/pose_check.h"
 
 namespace cairn::mapping {
 
@@ -66,8 +66,9 @@ class PosedMapper {
   // finite. Returns the number of features.
   absl::StatusOr<int> Add(const PosedImage& image);
 
-  // While the head is the caller's: matches, triangulates, adjusts and commits: the map is complete after it. FailedPrecondition if fewer than two
-  // views share points, or the poses do not fit the images. Nothing may be added afterwards.
+  // While the head is the caller's: matches, triangulates, adjusts and commits: the map is complete after it.
+  // FailedPrecondition if fewer than two views share points, or the poses do not fit the images. Nothing may be added
+  // afterwards.
   absl::StatusOr<PosedMapperReport> Finish();
 
  private:

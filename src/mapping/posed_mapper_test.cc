@@ -24,8 +24,7 @@ struct TestRun {
     info.id = std::string(32, '1');
     head = std::make_unique<testing::TestHead>(map::Snapshot::Empty(info));
     map::Edit edit(head->map());
-    const CameraId camera =
-        edit.AddCamera({CameraId(), "camera", Camera::FromPinhole(kRoomPinhole), kRoomPinhole});
+    const CameraId camera = edit.AddCamera({CameraId(), "camera", Camera::FromPinhole(kRoomPinhole), kRoomPinhole});
     map::Session added;
     added.camera = camera;
     const SessionId session = edit.AddSession(added);

@@ -292,9 +292,10 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   auto options = std::make_shared<LocalizeOptions>();
   AddInputOptions(verb, &options->input);
   verb->add_option("--map", options->map, "Map file (.cairn); it is only read")->required();
-  verb->add_option("--out", options->out,
-                   "Write the poses found to this file (TUM format); of a map of several components those in the aligned "
-                   "ones, or in the largest");
+  verb->add_option(
+      "--out", options->out,
+      "Write the poses found to this file (TUM format); of a map of several components those in the aligned "
+      "ones, or in the largest");
   verb->add_option("--picture", options->picture, "Draw the map and the cameras found to this .png or .svg file");
   verb->add_flag("--independent", options->independent,
                  "Locate each image on its own, without help from the ones before it (needed for a sequence)");

@@ -99,7 +99,8 @@ void AddRunCommand(CLI::App& app, Action* action) {
   verb->add_flag("--json", options->json, "Answer in JSON");
   poses->excludes(live_poses);
   extend->excludes(vocabulary);
-  for (CLI::Option* of_maps : {map, extend, name, camera_name, poses, vocabulary, picture, vo, fixed_lens, live_poses}) {
+  for (CLI::Option* of_maps :
+       {map, extend, name, camera_name, poses, vocabulary, picture, vo, fixed_lens, live_poses}) {
     odometry_only->excludes(of_maps);
   }
   verb->footer(

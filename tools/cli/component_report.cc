@@ -68,8 +68,8 @@ void PrintComponents(const map::Snapshot& map, const char* indent) {
   }
   for (const ComponentId id : live) {
     const auto& world = map.WorldFrom(id);
-    std::printf("%s%scomponent %u: %lld keyframes of session%s %s, %s", indent, live.size() > 1 ? "  " : "",
-                id.value(), static_cast<long long>(map.NumKeyframes(id)), sessions[id].size() > 1 ? "s" : "",
+    std::printf("%s%scomponent %u: %lld keyframes of session%s %s, %s", indent, live.size() > 1 ? "  " : "", id.value(),
+                static_cast<long long>(map.NumKeyframes(id)), sessions[id].size() > 1 ? "s" : "",
                 Join(sessions[id]).c_str(), world ? "aligned to the world" : "not aligned (cairn align)");
     if (world) std::printf(", scale %.4f", world->scale());
     std::printf("\n");
@@ -77,9 +77,8 @@ void PrintComponents(const map::Snapshot& map, const char* indent) {
   for (const auto& [id, component] : map.components()) {
     if (!component.joined) continue;
     std::printf("%s  component %u was joined to %u with revision %llu: %d matches, %d of %d keyframes agree\n", indent,
-                id.value(), component.joined->into.value(),
-                static_cast<unsigned long long>(component.joined->revision), component.joined->matches,
-                component.joined->keyframes_agreeing, component.joined->keyframes_checked);
+                id.value(), component.joined->into.value(), static_cast<unsigned long long>(component.joined->revision),
+                component.joined->matches, component.joined->keyframes_agreeing, component.joined->keyframes_checked);
   }
 }
 
@@ -95,10 +94,9 @@ std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map) {
 }
 
 std::string NameComponents(const std::vector<ComponentId>& ids) {
-  return absl::StrCat(ids.size() == 1 ? "component " : "components ",
-                      absl::StrJoin(ids, ", ", [](std::string* out, ComponentId id) {
-                        absl::StrAppend(out, id.value());
-                      }));
+  return absl::StrCat(
+      ids.size() == 1 ? "component " : "components ",
+      absl::StrJoin(ids, ", ", [](std::string* out, ComponentId id) { absl::StrAppend(out, id.value()); }));
 }
 
 }  // namespace cairn::cli

@@ -38,9 +38,8 @@ absl::Status DrawMap(const map::Snapshot& map, const std::string& path, const st
   }
   for (const map::Keyframe* keyframe : keyframes) {
     place.emplace(keyframe->id, figure.keyframes.size());
-    figure.keyframes.push_back(
-        {world_from(keyframe->component).TransformPose(keyframe->camera_from_map.Inverse()),
-         group.at(keyframe->session)});
+    figure.keyframes.push_back({world_from(keyframe->component).TransformPose(keyframe->camera_from_map.Inverse()),
+                                group.at(keyframe->session)});
   }
   for (const map::Keyframe* keyframe : keyframes) {
     for (const map::CovisibilityEdge& edge : keyframe->covisible) {

@@ -26,11 +26,10 @@
 namespace cairn::cli {
 namespace {
 
-std::vector<io::StampedPose> InWorld(const std::vector<std::pair<TimeNs, SE3>>& poses,
-                                     const std::optional<Sim3>& world_from_map) {
+std::vector<io::StampedPose> InWorld(const std::vector<std::pair<TimeNs, SE3>>& poses, const Sim3& world_from_map) {
   std::vector<io::StampedPose> result;
   for (const auto& [time_ns, map_from_camera] : poses) {
-    result.push_back({time_ns, world_from_map.value_or(Sim3()).TransformPose(map_from_camera)});
+    result.push_back({time_ns, world_from_map.TransformPose(map_from_camera)});
   }
   return result;
 }
@@ -38,12 +37,13 @@ std::vector<io::StampedPose> InWorld(const std::vector<std::pair<TimeNs, SE3>>& 
 absl::Status WritePoses(const std::string& path, const std::vector<std::pair<TimeNs, SE3>>& poses,
                         const map::Snapshot& map, ComponentId component, bool overwrite) {
   if (path.empty()) return absl::OkStatus();
-  const std::optional<Sim3> world = component ? map.WorldFrom(component) : std::nullopt;
+  const bool aligned = component && map.WorldFrom(component).has_value();
+  const Sim3 world_from_map = aligned ? *map.WorldFrom(component) : Sim3();
   io::TrajectoryWriteOptions write;
   write.overwrite = overwrite;
-  write.comment = absl::StrCat("t tx ty tz qx qy qz qw: ", world ? "world" : "map", "_from_camera, map ",
+  write.comment = absl::StrCat("t tx ty tz qx qy qz qw: ", aligned ? "world" : "map", "_from_camera, map ",
                                map.info().id, " component ", component.value(), " revision ", map.revision());
-  return io::WriteTumTrajectory(path, InWorld(poses, world), write);
+  return io::WriteTumTrajectory(path, InWorld(poses, world_from_map), write);
 }
 
 // Processor time of the stages of the feature module, per keyframe.
@@ -143,12 +143,14 @@ std::string WhereItIs(const engine::SessionReport& report, const map::Session& s
     return absl::StrCat("component ", join.component.value(), ", joined component ", join.into.value(), " at ", joined);
   }
   if (session.policy == map::SessionPolicy::kCreate) return "";
-  std::string text = absl::StrCat("component ", report.component.value(),
-                                  ", a place of its own: nothing that this session saw was found in the rest of the map");
+  std::string text =
+      absl::StrCat("component ", report.component.value(),
+                   ", a place of its own: nothing that this session saw was found in the rest of the map");
   int attempts = 0;
   for (const auto& [why, count] : report.joins_rejected) attempts += count;
   if (attempts > 0) {
-    const auto most = std::ranges::max_element(report.joins_rejected, {}, [](const auto& entry) { return entry.second; });
+    const auto most =
+        std::ranges::max_element(report.joins_rejected, {}, [](const auto& entry) { return entry.second; });
     absl::StrAppend(&text, " beyond doubt (", attempts, " keyframes looked alike; mostly: ", most->first, ")");
   }
   return text;
@@ -177,34 +179,34 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
     nlohmann::ordered_json json = {{"map", options.map}};
     AddFrameAndUnit(map.WorldFrom(report.component).has_value(), &json);
     AddFeedJson(feed, info, report.frames_tracked, interrupt, &json);
-    json.update({{"direct_keyframes", report.direct_keyframes},
-                 {"keyframes", report.keyframes},
-                 {"points", report.points},
-                 {"segments", report.odometry.segments},
-                 {"recoveries", report.odometry.recoveries},
-                 {"session", report.session.value()},
-                 {"result", map::SessionResultName(report.result)},
-                 {"component", report.component.value()},
-                 {"located_after_s", report.located ? nlohmann::ordered_json(ToSeconds(report.located->time_ns -
-                                                                                       session.first_ns))
-                                                    : nullptr},
-                 {"joined", JoinsAsJson(report, session.first_ns)},
-                 {"joins_rejected", report.joins_rejected},
-                 {"components", SharesAsJson(map, report, session.first_ns)},
-                 {"feature_losses", report.feature_losses},
-                 {"loops", LoopsAsJson(session)},
-                 {"loops_rejected", report.loops_rejected},
-                 {"trajectory", TrajectoryAsJson(session)},
-                 {"lens", LensAsJson(report.lens)},
-                 {"frame_ms", SampleStatistics(report.frame_ms)},
-                 {"frame_ms_correcting", SampleStatistics(report.frame_ms_correcting)},
-                 {"loop_correction_ms", SampleStatistics(report.correction_ms)},
-                 {"loop_adjustment_ms", SampleStatistics(report.adjustment_ms)},
-                 {"track_ms", SampleStatistics(report.odometry.track.samples_ms)},
-                 {"keyframe_ms", SampleStatistics(report.keyframe_ms)},
-                 {"keyframe_cpu_ms", StageStatistics(report.keyframe_reports)},
-                 {"keyframe_states", KeyframeStates(report.keyframe_reports)},
-                 {"loop_search_ms", SampleStatistics(report.loop_search_ms)}});
+    json.update(
+        {{"direct_keyframes", report.direct_keyframes},
+         {"keyframes", report.keyframes},
+         {"points", report.points},
+         {"segments", report.odometry.segments},
+         {"recoveries", report.odometry.recoveries},
+         {"session", report.session.value()},
+         {"result", map::SessionResultName(report.result)},
+         {"component", report.component.value()},
+         {"located_after_s",
+          report.located ? nlohmann::ordered_json(ToSeconds(report.located->time_ns - session.first_ns)) : nullptr},
+         {"joined", JoinsAsJson(report, session.first_ns)},
+         {"joins_rejected", report.joins_rejected},
+         {"components", SharesAsJson(map, report, session.first_ns)},
+         {"feature_losses", report.feature_losses},
+         {"loops", LoopsAsJson(session)},
+         {"loops_rejected", report.loops_rejected},
+         {"trajectory", TrajectoryAsJson(session)},
+         {"lens", LensAsJson(report.lens)},
+         {"frame_ms", SampleStatistics(report.frame_ms)},
+         {"frame_ms_correcting", SampleStatistics(report.frame_ms_correcting)},
+         {"loop_correction_ms", SampleStatistics(report.correction_ms)},
+         {"loop_adjustment_ms", SampleStatistics(report.adjustment_ms)},
+         {"track_ms", SampleStatistics(report.odometry.track.samples_ms)},
+         {"keyframe_ms", SampleStatistics(report.keyframe_ms)},
+         {"keyframe_cpu_ms", StageStatistics(report.keyframe_reports)},
+         {"keyframe_states", KeyframeStates(report.keyframe_reports)},
+         {"loop_search_ms", SampleStatistics(report.loop_search_ms)}});
     if (live_poses) json["live_poses"] = *live_poses;
     PrintJson(json);
     return;
@@ -246,8 +248,8 @@ absl::Status CheckMap(const RunOptions& options) {
   const bool exists = std::filesystem::exists(options.map, error);
   if (options.extend) {
     return exists ? absl::OkStatus()
-                  : absl::NotFoundError(absl::StrCat("there is no map ", options.map,
-                                                     " to extend: leave --extend out to make it"));
+                  : absl::NotFoundError(
+                        absl::StrCat("there is no map ", options.map, " to extend: leave --extend out to make it"));
   }
   if (exists && !options.overwrite && WhyNoFile(options.map).empty()) {
     return absl::AlreadyExistsError(absl::StrCat(options.map,
@@ -318,9 +320,8 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
       {"close_loops", options.session.close_loops},
       {"refine_lens", options.session.mapping.lens.enabled},
       {"poses_given", !options.poses.empty()}};
-  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::LiveMap> map, options.extend
-                                                                   ? OpenToExtend(options)
-                                                                   : CreateMap(options, info, settings.dump()));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::LiveMap> map,
+                         options.extend ? OpenToExtend(options) : CreateMap(options, info, settings.dump()));
   for (const std::string& note : map->notes()) std::cerr << "cairn run: " << note << "\n";
   engine::SessionSource session_source = ToSessionSource(info);
   session_source.settings_json = settings.dump();
@@ -342,8 +343,7 @@ absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map
                              const std::vector<std::pair<TimeNs, SE3>>& frame_poses) {
   return Guarded([&] {
     absl::Status status = WritePoses(options.trajectory, frame_poses, map, component, options.overwrite);
-    status.Update(
-        WritePoses(options.keyframes, MapKeyframePoses(map, component), map, component, options.overwrite));
+    status.Update(WritePoses(options.keyframes, MapKeyframePoses(map, component), map, component, options.overwrite));
     if (!options.picture.empty()) status.Update(DrawMap(map, options.picture));
     return status;
   });
@@ -354,7 +354,8 @@ namespace {
 std::vector<std::pair<TimeNs, SE3>> PosesToReport(const std::vector<engine::FramePose>& frames, ComponentId component) {
   std::vector<std::pair<TimeNs, SE3>> poses;
   for (const engine::FramePose& frame : frames) {
-    if (frame.map_from_camera && frame.component == component) poses.emplace_back(frame.time_ns, *frame.map_from_camera);
+    if (frame.map_from_camera && frame.component == component)
+      poses.emplace_back(frame.time_ns, *frame.map_from_camera);
   }
   return poses;
 }

@@ -27,9 +27,9 @@ absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
   std::sort(given.poses.begin(), given.poses.end(), [](const auto& a, const auto& b) { return a.time_ns < b.time_ns; });
   CAIRN_ASSIGN_OR_RETURN(MapRun run, PrepareMapRun(options));
   const io::SourceInfo info = run.source->info();
-  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::PosedSession> session,
-                         engine::PosedSession::Create(options.posed, options.session.deterministic, run.session_source,
-                                                      run.map.get()));
+  CAIRN_ASSIGN_OR_RETURN(
+      std::unique_ptr<engine::PosedSession> session,
+      engine::PosedSession::Create(options.posed, options.session.deterministic, run.session_source, run.map.get()));
   SkippedFrames skipped("run", options.json);
   Progress progress("mapping", info.num_frames, options.json);
   std::int64_t used = 0;
