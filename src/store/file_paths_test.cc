@@ -37,7 +37,7 @@ std::string Message(const absl::Status& status) { return std::string(status.mess
 struct Growing {
   std::unique_ptr<MapStore> store;
   MapGrower grower{5};
-  SnapshotPtr map;
+  SnapshotPtr map = nullptr;
 
   absl::Status Change(const map::Delta& delta) {
     CAIRN_RETURN_IF_ERROR(store->Commit(delta));
@@ -81,20 +81,20 @@ class InFolder {
 };
 
 TEST(FilePaths, NamesAreNamesOfFiles) {
-  for (const std::string name : {"file:x.cairn", ":memory:", "a?b#c%41.cairn", "file:y?mode=memory", "-x", "two words",
-                                 "\xe5\x9c\xb0\xe5\x9b\xb3.cairn", "quote'\".cairn"}) {
+  for (const char* name : {"file:x.cairn", ":memory:", "a?b#c%41.cairn", "file:y?mode=memory", "-x", "two words",
+                           "\xe5\x9c\xb0\xe5\x9b\xb3.cairn", "quote'\".cairn"}) {
     const TempFolder folder;
     const InFolder here(folder.path());
     Growing growing = Create(name);
     ASSERT_TRUE(growing.store->Close().ok());
     EXPECT_THAT(folder.Names(), ElementsAre(name));
     ExpectHolds(name, *growing.map);
-    ASSERT_TRUE((*OpenMapStore(name, OpenMode::kRead))->CopyTo("copy of " + name).ok());
-    ExpectHolds("copy of " + name, *growing.map);
+    ASSERT_TRUE((*OpenMapStore(name, OpenMode::kRead))->CopyTo(std::string("copy of ") + name).ok());
+    ExpectHolds(std::string("copy of ") + name, *growing.map);
     const auto again = OpenMapStore(name, OpenMode::kWrite);
     ASSERT_TRUE(again.ok()) << again.status();
   }
-  for (const std::string name : {std::string(), std::string("a\0b", 3), std::string("postgresql://host/map")}) {
+  for (const std::string& name : {std::string(), std::string("a\0b", 3), std::string("postgresql://host/map")}) {
     EXPECT_EQ(CreateMapStore(name, TestInfo()).status().code(), absl::StatusCode::kInvalidArgument) << name;
     EXPECT_FALSE(OpenMapStore(name, OpenMode::kRead).ok());
   }

@@ -33,8 +33,8 @@ struct WriteOptions {
 };
 
 struct CreateOptions {
-  bool overwrite = false;  // replace a map that is there, in one step, once the new one is complete
-  std::string vocabulary;  // serialised; stored with the map from the start (or later by PutVocabulary)
+  bool overwrite = false;       // replace a map that is there, in one step, once the new one is complete
+  std::string vocabulary = {};  // serialised; stored with the map from the start (or later by PutVocabulary)
   WriteOptions write = {};
 };
 
@@ -114,7 +114,8 @@ class MapStore {
   // What a user should be told of the state in which it was found, or of what opening did: one sentence each.
   virtual const std::vector<std::string>& notes() const = 0;
 
-  // Exactly one transaction: after OK the change is in the map for good, after an error nothing of it is. The delta
+  // Exactly one transaction: after OK the change is in the map for good, after an error nothing of it is (but for kIo:
+  // what a disk kept that failed to say so is found when the map is opened next, as a whole or not at all). The delta
   // must be one that Snapshot::Apply() takes: nothing is checked here but what would make the rows contradict each
   // other. Errors: FailedPrecondition if delta.base is not the map's revision (so that a change is never made twice) or
   // the map is open for reading, kFull, kReadOnly, kIo, kDamaged, kMoved.

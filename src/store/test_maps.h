@@ -87,6 +87,7 @@ class MapGrower {
     base->points().ForEach([&](const auto& point) {
       const std::uint32_t first = point->observations.front().keyframe.value();
       const std::uint32_t views = static_cast<std::uint32_t>(options_.views_per_point);
+      if (base->keyframe(point->observations.front().keyframe).component != ComponentId(1)) return;
       if (first + views <= id.value() || feature + 2 >= keyframe.features->features.size()) return;
       if (random_.Uniform() < 0.1) return;
       edit.AddObservation(point->id, id, next_feature());
@@ -130,7 +131,10 @@ class MapGrower {
       if (edit.FindPoint(id) != nullptr) edit.ErasePoint(id);
     }
     const PointId from = points[random_.Below(points.size())], into = points[random_.Below(points.size())];
-    if (edit.FindPoint(from) != nullptr && edit.FindPoint(into) != nullptr) edit.FusePoints(from, into);
+    const auto component = [&](PointId id) { return base->keyframe(base->point(id).reference.keyframe).component; };
+    if (edit.FindPoint(from) != nullptr && edit.FindPoint(into) != nullptr && component(from) == component(into)) {
+      edit.FusePoints(from, into);
+    }
     edit.EraseKeyframe(keyframes[random_.Below(keyframes.size())]);
     return edit.Finish("cull");
   }

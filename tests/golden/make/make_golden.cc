@@ -7,12 +7,11 @@
 #include <iostream>
 #include <opencv2/imgcodecs.hpp>
 
-#include "client/conformance/conformance_map.h"
+#include "client/conformance/rendered_room.h"
 #include "image/orb_extractor.h"
 #include "map/edit.h"
 #include "place/training.h"
 #include "store/map_file.h"
-#include "tracking/projection_matcher.h"
 
 #ifndef GOLDEN_FORMAT
 #error "GOLDEN_FORMAT: 1, 2 or 3"
@@ -20,8 +19,12 @@
 
 namespace cairn {
 
-using conformance::LookInRoom;
 using conformance::RenderedRoom;
+
+// camera_from_map of a camera at `center` turned to the right by `yaw_rad` from looking along +z.
+SE3 LookInRoom(const Vector3d& center, double yaw_rad) {
+  return SE3(Quaterniond(Eigen::AngleAxisd(yaw_rad, Vector3d::UnitY())), center).Inverse();
+}
 
 namespace {
 
@@ -118,17 +121,11 @@ class Maker {
     keyframe.features = shared;
     const KeyframeId id = edit.AddKeyframe(keyframe);
     if (i == 7) edit.LinkIfAlone(id, KeyframeId(7));  // where it lies is a guess
-    const image::FeatureGrid grid(shared->features.keypoints, kPinhole.width_px, kPinhole.height_px);
-    std::vector<const map::MapPoint*> points;
-    std::vector<PointId> ids;
     map_->points().ForEach([&](const auto& point) {
       if ((point->observations.front().keyframe.value() <= 7) != (id.value() <= 7)) return;
-      points.push_back(point.get());
-      ids.push_back(point->id);
+      const int feature = Match(*point, keyframe.camera_from_map, shared->features);
+      if (feature >= 0) edit.AddObservation(point->id, id, static_cast<std::uint32_t>(feature));
     });
-    const auto found = tracking::MatchByProjection({kPinhole, shared->features, grid}, keyframe.camera_from_map, points,
-                                                   edit.info().orb, {.radius_factor = 1.5, .max_distance = 60});
-    for (const auto& match : found.matches) edit.AddObservation(ids[match.point], id, match.feature);
     const SE3 map_from_camera = keyframe.camera_from_map.Inverse();
     for (std::uint32_t f = 0; f < shared->features.size(); ++f) {
       if (edit.keyframe(id).points[f]) continue;
@@ -138,6 +135,24 @@ class Maker {
           edit.AddPoint(RenderedRoom::Hit(map_from_camera.translation(), map_from_camera.rotation() * ray)), id, f);
     }
     Commit(&edit, "insert keyframe " + std::to_string(id.value()));
+  }
+
+  // The feature that looks most like the point where it is projected; -1: none looks like it.
+  static int Match(const map::MapPoint& point, const SE3& camera_from_map, const image::Features& features) {
+    const Vector3d point_c = camera_from_map * point.position;
+    if (point_c.z() <= 0.1) return -1;
+    const Vector2d pixel = kPinhole.Project(point_c);
+    int best = -1, best_distance = 51;
+    for (std::size_t i = 0; i < features.keypoints.size(); ++i) {
+      const Vector2d keypoint(features.keypoints[i].x_px, features.keypoints[i].y_px);
+      if ((keypoint - pixel).norm() > 4.0) continue;
+      int distance = 0;
+      for (std::size_t k = 0; k < 4; ++k) {
+        distance += __builtin_popcountll(features.descriptors[i][k] ^ point.descriptor[k]);
+      }
+      if (distance < best_distance) best = static_cast<int>(i), best_distance = distance;
+    }
+    return best;
   }
 
   void End() {
