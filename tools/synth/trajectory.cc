@@ -170,7 +170,8 @@ void Trajectory::Rooms(double at_m, Vector3d& position, Vector3d& gaze) const {
   gaze = GazeOf(yaw, -0.1 + Sum(gaze_[1], at_m));
 }
 
-// The camera at the end of a bent arm: it turns about all three axes and its centre goes with it, some centimetres.
+// The camera in a hand before the body: it turns about all three axes, and to and fro by some centimetres it goes
+// faster.
 SE3 Trajectory::Turning(double at_m) const {
   const double a = kTurn * at_m / round_m_;
   const double yaw = 0.9 * std::sin(a) + 0.25 * std::sin(2.3 * a + 1.0);
@@ -179,8 +180,8 @@ SE3 Trajectory::Turning(double at_m) const {
   const double heading = kTurn * (0.15 + 0.21 * options_.session);
   const Vector3d middle(0.5 * world_.size_m.x(), 0.5 * world_.size_m.y(), height_m_);
   const Vector3d forward(std::cos(heading), std::sin(heading), 0.0), aside(-forward.y(), forward.x(), 0.0);
-  const Vector3d arm = 0.055 * std::sin(1.3 * a + 0.2) * aside + 0.03 * std::sin(3.1 * a + 0.5) * forward +
-                       Vector3d(0, 0, 0.045 * std::sin(2.7 * a + 0.3));
+  const Vector3d arm = 0.06 * std::sin(6.1 * a + 0.2) * aside + 0.03 * std::sin(5.3 * a + 0.5) * forward +
+                       Vector3d(0, 0, 0.05 * std::sin(7.3 * a + 0.3));
   const Quaterniond level(LookAlong(GazeOf(heading + yaw, pitch)));
   return SE3(level * ExpSO3(Vector3d(0, 0, roll)), middle + 0.2 * (options_.session % 3) * forward + arm);
 }
