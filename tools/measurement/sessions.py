@@ -86,14 +86,13 @@ def error_together(parts, max_dt=0.005):
     return float(np.sqrt(((moved - true) ** 2).sum(axis=1).mean()))
 
 
-def overlap_begins(folder):
-    """Seconds after the first image from which on the session sees what the other has seen: OVERLAP of the view, for
+def overlap_begins(folder, share=OVERLAP):
+    """Seconds after the first image from which on the session sees what the other has seen: `share` of the view, for
     OVERLAP_S."""
     rows = np.array([[float(x) for x in line.split()] for line in open(folder / 'overlap.txt') if not line.startswith('#')])
-    times, enough = rows[:, 0] - rows[0, 0], rows[:, 1] >= OVERLAP
-    for time, _ in zip(times, enough):
-        window = (times >= time) & (times < time + OVERLAP_S)
-        if enough[window].all():
+    times, enough = rows[:, 0] - rows[0, 0], rows[:, 1] >= share
+    for time in times:
+        if enough[(times >= time) & (times < time + OVERLAP_S)].all():
             return time
     raise Failed(f'{folder}: the sessions never see the same')
 
@@ -147,9 +146,11 @@ class Sessions:
             ate = error_together([(carried(frames[0], before, keyframe_poses(file)), truths[0]),
                                   (read_positions(frames[1]), truths[1])])
             begins = overlap_begins(visits[1])
-            own = [c for c in report['components'] if c['id'] != 1]
             joined = [j['at_s'] for j in report['joined']]
-            result = {'own': report['located_after_s'] is None and len(own) == 1, 'kept': kept,
+            located = report['located_after_s']
+            # Of its own: begun by it, and not taken for a part of the other before they share anything in view.
+            own = len(report['components']) > 1 and (located is None or located >= overlap_begins(visits[1], 0.001))
+            result = {'own': own, 'kept': kept, 'located_s': located,
                       'late_s': joined[0] - begins if joined else np.inf, 'overlap_s': begins,
                       'share': ate / sum(map(path_length, truths))}
             print(f'        rooms {seed}: {result}', flush=True)
