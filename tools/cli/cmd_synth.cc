@@ -19,6 +19,12 @@ struct SynthOptions {
   double laps = 0.0;
   double rate_hz = 0.0;
   double duration_s = 0.0;
+  std::vector<int> image_size_px;
+  double focal_px = 0.0;
+  double gamma = 0.0;
+  double light = 0.0;
+  std::uint64_t catalogue = 0;
+  int overlap_with = 0;
   int threads = 2;
   bool overwrite = false;
   bool json = false;
@@ -44,6 +50,13 @@ absl::Status Synthesize(const SynthOptions& options) {
   if (options.laps > 0.0) dataset.sequence.trajectory.laps = options.laps;
   if (options.rate_hz > 0.0) dataset.sequence.rate_hz = options.rate_hz;
   dataset.sequence.max_duration_s = options.duration_s;
+  const bool sized = !options.image_size_px.empty();
+  synth::SetCamera(sized ? options.image_size_px[0] : 0, sized ? options.image_size_px[1] : 0, options.focal_px,
+                   dataset.sequence);
+  if (options.gamma > 0.0) dataset.sequence.effects.gamma = options.gamma;
+  if (options.light > 0.0) dataset.sequence.effects.white_level *= options.light;
+  if (options.catalogue > 0) dataset.sequence.world.catalogue = options.catalogue;
+  if (options.overlap_with > 0) dataset.overlap_with_session = options.overlap_with - 1;
   dataset.threads = options.threads;
   dataset.overwrite = options.overwrite;
 
@@ -88,6 +101,19 @@ void AddSynthCommand(CLI::App& app, Action* action) {
   verb->add_option("--rate", options->rate_hz, "Images per second; the preset's if not given")
       ->check(CLI::Range(0.1, 1000.0));
   verb->add_option("--duration", options->duration_s, "Stop after so many seconds")->check(CLI::Range(0.01, 1e6));
+  verb->add_option("--image-size", options->image_size_px, "In pixels: X Y; 640 480 if not given")
+      ->expected(2)
+      ->check(CLI::Range(16, 8192));
+  verb->add_option("--focal", options->focal_px, "Focal length in pixels; 420 if not given")
+      ->check(CLI::Range(10.0, 1e5));
+  verb->add_option("--gamma", options->gamma, "Of the camera's response; 1, linear, if not given")
+      ->check(CLI::Range(0.2, 5.0));
+  verb->add_option("--light", options->light, "Times the usual exposure")->check(CLI::Range(0.05, 3.0));
+  verb->add_option("--catalogue", options->catalogue,
+                   "Furnish rooms from this catalogue of few models, as other worlds with the same number are");
+  verb->add_option("--overlap-with", options->overlap_with,
+                   "Write overlap.txt: how much of each view this session of the same world shows too")
+      ->check(CLI::Range(1, 1000));
   verb->add_option("--effects", options->effects, "What spoils the images: " + Join(synth::EffectNames()))
       ->delimiter(',');
   verb->add_option("--threads", options->threads, "Images rendered at a time")->capture_default_str();
@@ -96,7 +122,12 @@ void AddSynthCommand(CLI::App& app, Action* action) {
   verb->footer(
       "Examples:\n"
       "  cairn synth office --out office\n"
-      "  cairn synth corridor --seed 3 --effects noise,blur --format tum_mono --out corridor");
+      "  cairn synth corridor --seed 3 --effects noise,blur --format tum_mono --out corridor\n"
+      "Sessions of one world share its frame and that of the ground truth:\n"
+      "  cairn synth rooms --seed 3 --rate 15 --out visit_1\n"
+      "  cairn synth rooms --seed 3 --rate 15 --session 2 --overlap-with 1 --out visit_2\n"
+      "  cairn synth office --session 3 --image-size 1280 800 --focal 1000 --gamma 1.8 --light 0.7 --out visit_3\n"
+      "A processor renders about 7 images of 640x480 per second, and 2 of 1280x800.");
   verb->callback([=] {
     *action = [=] {
       const absl::Status status = Synthesize(*options);

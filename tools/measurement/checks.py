@@ -134,6 +134,42 @@ WORLD_CHECKS = [
     ('  ATE, worst seed', 'm', '<=', None, '', lambda w: w.loops('aliasing')['worst']),
 ]
 
+# Sessions that extend a map: redkitchen as two, and rendered worlds that several visit, over --seeds (10 for the figures in
+# docs/benchmarks.md: rendering takes half an hour once, --worlds keeps it; the runs take as long).
+SESSION_CHECKS = [
+    ('redkitchen t < 15 s, extended by t >= 12 s: time until located', 's', '<=', 0.5, '',
+     lambda w: w.kitchen_extended('on')['located_s']),
+    ('  ATE of both sessions together', 'm', '<=', 0.0105, 'one session 0.0102', lambda w: w.kitchen_extended('on')['ate']),
+    ('redkitchen t >= 20 s, extended by t < 20 s: located, or joined', '', '>=', 1, '',
+     lambda w: w.kitchen_extended('back')['found']),
+    ('  ATE of both sessions together', 'm', '<=', 0.0115, 'one session 0.0102', lambda w: w.kitchen_extended('back')['ate']),
+    ('two rooms, the second session walks into the first: a component of its own at once', '% seeds', '>=', 100, '',
+     lambda w: 100 * w.rooms()['own']),
+    ('  joined within 1 s of seeing 30 % of what the first has seen', '% seeds', '>=', 100, '',
+     lambda w: 100 * w.rooms()['joined']),
+    ('  latest join after that', 's', '<=', None, '', lambda w: w.rooms()['late_s']),
+    ('  ATE of both as a share of the path, worst seed', '%', '<=', 0.3, '', lambda w: 100 * w.rooms()['share']),
+    ('  killed before the join: its component is in the file', '% seeds', '>=', 100, '', lambda w: 100 * w.rooms()['kept']),
+    ('office, five visits, two cameras, other exposure and gamma: joined', 'of 4', '>=', 4, '', lambda w: w.office()['joined']),
+    ('  ATE of a visit against alone, worst', 'x', '<=', 1.1, '', lambda w: w.office()['worst']),
+    ("  keyframes against the first visit's", 'x', '<=', 2, '', lambda w: w.office()['grown']),
+    ('  ATE of all together', 'm', '<=', None, '', lambda w: w.office()['together']),
+    ('three different places: three components', '% seeds', '>=', 100, '', lambda w: 100 * w.places('office')['apart']),
+    ('  false joins', '', '<=', 0, '', lambda w: w.places('office')['false']),
+    ('  a return to one of them joins it', '% seeds', '>=', 100, '', lambda w: 100 * w.places('office')['returned']),
+    ('two places that look alike: two components', '% seeds', '>=', 100, '', lambda w: 100 * w.places('alike')['apart']),
+    ('  false joins', '', '<=', 0, '', lambda w: w.places('alike')['false']),
+    ('  a return to one of them joins it', '% seeds', '>=', 100, '', lambda w: 100 * w.places('alike')['returned']),
+    ('aligned map extended by five sessions: keyframes of the first move in the world by, median', 'm', '<=', 0.003, '',
+     lambda w: w.aligned()['median']),
+    ('  most', 'm', '<=', None, '', lambda w: w.aligned()['most']),
+    ('a recording that turns within 0.15 m, aligned with 1 cm of noise: rotation, worst seed', 'deg', '<=', 0.5, '',
+     lambda w: w.turning()['worst']),
+    ('a session that extends a map, killed: damaged files', '', '<=', 0, '', lambda w: w.kills()['damaged']),
+    ('  acknowledged revisions lost', '', '<=', 0, '', lambda w: w.kills()['lost']),
+    ('  files that could not be extended afterwards', '', '<=', 0, '', lambda w: w.kills()['stuck']),
+]
+
 # What no change may break: the tests run these (--floor). The limits above are the goals, some of them not reached yet.
 FLOORS = {
     'redkitchen: frames tracked': 95,

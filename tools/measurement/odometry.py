@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 
-from .trajectories import read_positions, similarity_scale, white_noise
+from .trajectories import read_positions, similarity, white_noise
 from .work import CAIRN, DATA, ROOT, Failed, Skipped, cairn, median_of_runs
 
 
@@ -40,7 +40,7 @@ class Odometry:
             self.alone(name, truth)
             estimated, true = read_positions(self.path(f'alone_{name}_0.txt')), read_positions(DATA / name / truth)
             true = true[np.abs(true[:, 0][None, :] - estimated[:, 0][:, None]).argmin(axis=1), 1:]
-            scale = similarity_scale(true, estimated[:, 1:])
+            scale = similarity(true, estimated[:, 1:])[0]
             return {'truth': white_noise(true), 'own': scale * white_noise(estimated[:, 1:])}
         return self.once(f'noise {name}', one)
 
@@ -54,7 +54,7 @@ class Odometry:
             nearest = np.abs(true[:, 0][None, :] - estimated[:, 0][:, None]).argmin(axis=1)
             paired = np.abs(true[nearest, 0] - estimated[:, 0]) < 0.011
             since = estimated[:, 0] - estimated[0, 0]
-            first, second = (similarity_scale(true[nearest[part], 1:], estimated[part, 1:])
+            first, second = (similarity(true[nearest[part], 1:], estimated[part, 1:])[0]
                              for part in (paired & (since < 5.0), paired & (since >= 5.0) & (since < 10.0)))
             return {'change': abs(second / first - 1.0)}
         return self.once('scale', one)

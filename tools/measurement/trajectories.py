@@ -14,12 +14,45 @@ def read_positions(path):
     return np.array([[float(x) for x in row[:4]] for row in rows])
 
 
-def similarity_scale(a, b):
-    """Scale of the least-squares similarity from points b to points a (Umeyama 1991)."""
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    u, d, vt = np.linalg.svd(a.T @ b)
-    d[-1] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))
-    return d.sum() / (b * b).sum()
+def read_poses(path):
+    """Times and world_from_camera, 4x4."""
+    poses = []
+    for row in (line.split() for line in open(path) if line.strip() and not line.startswith('#')):
+        time, x, y, z, qx, qy, qz, qw = map(float, row[:8])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = matrix_from_quaternion(qx, qy, qz, qw), (x, y, z)
+        poses.append((time, pose))
+    return poses
+
+
+def write_poses(path, poses):
+    path.write_text(''.join(' '.join([f'{time:.9f}', *(f'{v:.9f}' for v in [*pose[:3, 3], *quaternion_from_matrix(pose[:3, :3])])])
+                            + '\n' for time, pose in poses))
+
+
+def similarity(a, b):
+    """Scale, rotation, translation of the least-squares similarity from points b to points a (Umeyama 1991)."""
+    center_a, center_b = a.mean(axis=0), b.mean(axis=0)
+    u, d, vt = np.linalg.svd((a - center_a).T @ (b - center_b))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    rotation = u @ np.diag(sign) @ vt
+    scale = (d * sign).sum() / ((b - center_b) ** 2).sum()
+    return scale, rotation, center_a - scale * rotation @ center_b
+
+
+def apply_similarity(transform, points):
+    scale, rotation, translation = transform
+    return scale * points @ rotation.T + translation
+
+
+def mean_rotation(matrices):
+    """The rotation nearest to all of them in the Frobenius norm."""
+    u, _, vt = np.linalg.svd(np.sum(matrices, axis=0))
+    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+
+
+def angle_deg(rotation):
+    return math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(rotation) - 1.0) / 2.0))))
 
 
 def scale_drift(frames, truth, share=0.12):
@@ -27,7 +60,7 @@ def scale_drift(frames, truth, share=0.12):
     estimated, true = read_positions(frames), read_positions(truth)
     nearest = np.abs(true[:, 0][None, :] - estimated[:, 0][:, None]).argmin(axis=1)
     count = int(share * len(estimated))
-    first, last = (similarity_scale(true[nearest[part], 1:], estimated[part, 1:])
+    first, last = (similarity(true[nearest[part], 1:], estimated[part, 1:])[0]
                    for part in (slice(0, count), slice(len(estimated) - count, None)))
     return abs(last / first - 1.0)
 

@@ -36,6 +36,11 @@ def cairn(*arguments, expect=(0,)):
     return answer
 
 
+def start(*arguments):
+    """The same, running: to be watched and killed."""
+    return subprocess.Popen([str(CAIRN), *map(str, arguments), '--json'], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
 def rendered(folder, *arguments):
     """A recording that `cairn synth` renders, unless it is there."""
     if not folder.exists():
@@ -58,6 +63,7 @@ class Work:
 
     def __init__(self, options, folder):
         self.folder, self.runs, self.seeds, self.cache = pathlib.Path(folder), options.runs, options.seeds, {}
+        self.kills_wanted = options.kills
         self.worlds = pathlib.Path(options.worlds or folder)
         self.worlds.mkdir(parents=True, exist_ok=True)
         # Of the runs that make a map.

@@ -19,6 +19,7 @@ KINDS = {
     'photometric': ['office', '--format', 'tum_mono', '--effects', 'response', 'vignette', 'exposure', 'noise'],
     'laps': ['office', '--laps', '10'],
     'soft': ['soft', '--duration', '28'],  # its second side has next to no corners
+    'turning': ['turning'],
     'rich': ['corridor', '--size', '14', '13', '--duration', '28'],  # the same with corners everywhere
 }
 

@@ -43,7 +43,7 @@ void AddClutter(WorldBuilder& b, const Place& place, double x0, double x1, doubl
 
 }  // namespace
 
-void AddDesk(WorldBuilder& b, const Place& place, double width, std::uint64_t seed) {
+void AddDesk(WorldBuilder& b, const Place& place, double width, std::uint64_t seed, std::uint64_t contents) {
   Random random(seed);
   const double depth = random.Uniform(0.65, 0.78), height = random.Uniform(0.71, 0.77);
   const WorldBuilder::Extent top{0.0, width, -depth, -0.03, height - 0.03, height};
@@ -61,11 +61,11 @@ void AddDesk(WorldBuilder& b, const Place& place, double width, std::uint64_t se
     b.AddBox(at, {-0.22, 0.22, -0.32, -0.18, height, height + 0.025}, Material::kPage, Derive(seed, 15),
              kAllFaces & ~kBottom);
   }
-  AddClutter(b, place, 0.02, width - 0.02, -depth + 0.04, -0.36, height, Derive(seed, 20));
-  AddClutter(b, place, 0.02, width - 0.02, -0.22, -0.06, height, Derive(seed, 21));
+  AddClutter(b, place, 0.02, width - 0.02, -depth + 0.04, -0.36, height, Derive(contents, 20));
+  AddClutter(b, place, 0.02, width - 0.02, -0.22, -0.06, height, Derive(contents, 21));
 }
 
-void AddShelf(WorldBuilder& b, const Place& place, double width, std::uint64_t seed) {
+void AddShelf(WorldBuilder& b, const Place& place, double width, std::uint64_t seed, std::uint64_t contents) {
   Random random(seed);
   const double depth = random.Uniform(0.28, 0.36), height = random.Uniform(1.7, 2.1), board = 0.025;
   b.AddBox(place, {0.0, board, -depth, 0.0, 0.0, height}, Material::kWood, Derive(seed, 1),
@@ -73,6 +73,7 @@ void AddShelf(WorldBuilder& b, const Place& place, double width, std::uint64_t s
   b.AddBox(place, {width - board, width, -depth, 0.0, 0.0, height}, Material::kWood, Derive(seed, 2),
            kFront | kLeft | kRight | kTop);
   b.AddBox(place, {board, width - board, -0.02, 0.0, 0.0, height}, Material::kWood, Derive(seed, 3), kFront);
+  Random inside = contents == seed ? random : Random(contents);
   const int levels = 5;
   const double pitch = (height - board) / levels;
   for (int i = 0; i <= levels; ++i) {
@@ -81,29 +82,30 @@ void AddShelf(WorldBuilder& b, const Place& place, double width, std::uint64_t s
     b.AddBox(place, {board, width - board, -depth, -0.02, z, z + board}, Material::kWood, level,
              i == 0 ? kFront | kTop : kFront | kTop | kBottom);
     if (i == levels) {
-      AddClutter(b, place, 0.05, width - 0.05, -depth + 0.03, -0.03, z + board, Derive(level, 1));
+      AddClutter(b, place, 0.05, width - 0.05, -depth + 0.03, -0.03, z + board,
+                 Derive(Derive(contents, 10 + static_cast<std::uint64_t>(i)), 1));
       break;
     }
-    double x = board + random.Uniform(0.0, 0.05);
+    double x = board + inside.Uniform(0.0, 0.05);
     while (x < width - board - 0.12) {
-      const double w = std::min(random.Uniform(0.14, 0.42), width - board - x);
-      const double h = pitch * random.Uniform(0.55, 0.85), front = -depth + random.Uniform(0.02, 0.1);
-      const bool books = random.Below(4) != 0;
+      const double w = std::min(inside.Uniform(0.14, 0.42), width - board - x);
+      const double h = pitch * inside.Uniform(0.55, 0.85), front = -depth + inside.Uniform(0.02, 0.1);
+      const bool books = inside.Below(4) != 0;
       b.AddPanel(place, {x, x + w - 0.01, front, -0.025, z + board, z + board + (books ? h : 0.6 * h)},
                  books ? Material::kBooks : Material::kCardboard, books ? Material::kPage : Material::kCardboard,
-                 random.Next(), kFront | kLeft | kRight | kTop);
-      x += w + (random.Below(3) == 0 ? random.Uniform(0.05, 0.2) : 0.005);
+                 inside.Next(), kFront | kLeft | kRight | kTop);
+      x += w + (inside.Below(3) == 0 ? inside.Uniform(0.05, 0.2) : 0.005);
     }
   }
 }
 
-void AddCabinet(WorldBuilder& b, const Place& place, double width, std::uint64_t seed) {
+void AddCabinet(WorldBuilder& b, const Place& place, double width, std::uint64_t seed, std::uint64_t contents) {
   Random random(seed);
   const double depth = random.Uniform(0.4, 0.5), height = random.Uniform(0.85, 1.3);
   b.AddPanel(place, {0.0, width, -depth, -0.01, 0.0, height}, Material::kMetal,
              random.Below(2) == 0 ? Material::kMetal : Material::kWood, Derive(seed, 1),
              kFront | kLeft | kRight | kTop);
-  AddClutter(b, place, 0.03, width - 0.03, -depth + 0.03, -0.05, height, Derive(seed, 2));
+  AddClutter(b, place, 0.03, width - 0.03, -depth + 0.03, -0.05, height, Derive(contents, 2));
 }
 
 void AddBoxes(WorldBuilder& b, const Place& place, double width, std::uint64_t seed) {

@@ -27,14 +27,26 @@ absl::Status SequenceOptions::Validate() const {
   return absl::OkStatus();
 }
 
-std::vector<std::string> PresetNames() { return {"office", "corridor", "aliasing", "plain", "soft"}; }
+std::vector<std::string> PresetNames() {
+  return {"office", "corridor", "aliasing", "plain", "soft", "rooms", "alike", "turning"};
+}
 
 absl::StatusOr<SequenceOptions> Preset(const std::string& name) {
   SequenceOptions o;
-  if (name == "office" || name == "plain") {
+  if (name == "office" || name == "plain" || name == "alike" || name == "turning") {
     o.world.kind = WorldKind::kRoom;
     o.trajectory.laps = 1.1;
     if (name == "plain") o.world.blank_share = 0.3;
+    if (name == "alike") o.world.catalogue = 1;
+    if (name == "turning") o.trajectory.motion = Motion::kTurn;
+    return o;
+  }
+  if (name == "rooms") {
+    o.world.kind = WorldKind::kRooms;
+    o.world.size_m = Vector3d(16.0, 5.2, 2.7);
+    o.world.corridor_width_m = 2.0;
+    o.trajectory.laps = 1.15;
+    o.trajectory.speed_m_s = 0.7;
     return o;
   }
   if (name == "corridor" || name == "aliasing" || name == "soft") {
@@ -50,6 +62,15 @@ absl::StatusOr<SequenceOptions> Preset(const std::string& name) {
     return o;
   }
   return absl::NotFoundError(absl::StrCat("no preset \"", name, "\"; there are ", absl::StrJoin(PresetNames(), ", ")));
+}
+
+void SetCamera(int width_px, int height_px, double focal_px, SequenceOptions& o) {
+  Camera& c = o.camera;
+  if (width_px > 0) c.width_px = width_px;
+  if (height_px > 0) c.height_px = height_px;
+  if (focal_px > 0.0) c.fx_px = c.fy_px = focal_px;
+  c.cx_px = 0.5 * (c.width_px - 1);
+  c.cy_px = 0.5 * (c.height_px - 1);
 }
 
 std::vector<std::string> EffectNames() {

@@ -34,16 +34,24 @@ struct SequenceOptions {
   absl::Status Validate() const;
 };
 
-// What `cairn synth` offers by name: office, corridor, aliasing, plain, soft.
+// What `cairn synth` offers by name.
 //   office    a furnished office of 34 square metres, one round
 //   corridor  a closed corridor of 60 m, a little more than one round
 //   aliasing  the same with two sides that look exactly alike
 //   plain     the office with 30 % of its walls blank
 //   soft      a closed corridor of 45 m, of which the second side is painted with soft-edged stripes: about 8 s with
 //             gradients and next to no corners
+//   rooms     two rooms with a passage between them: session 1 walks about in one, session 2 begins in the other and
+//             walks into the first
+//   alike     a room furnished from a catalogue: other seeds give other rooms with furniture and posters of the same
+//             few models
+//   turning   the office, seen by a camera that turns about all axes within 0.2 m
 // NotFound lists the names.
 absl::StatusOr<SequenceOptions> Preset(const std::string& name);
 std::vector<std::string> PresetNames();
+
+// Another pinhole camera with its principal point in the middle; 0: as it was.
+void SetCamera(int width_px, int height_px, double focal_px, SequenceOptions& options);
 
 // Switches what spoils an image on, to usual amounts, or off. Names: distortion, response, vignette, exposure, noise,
 // blur, rolling_shutter. NotFound lists the names.

@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <numbers>
@@ -11,8 +13,10 @@
 #include "io/frame_source.h"
 #include "io/trajectory.h"
 #include "synth/materials.h"
+#include "synth/overlap.h"
 #include "synth/sequence.h"
 #include "synth/texture.h"
+#include "synth/walk.h"
 #include "synth/write.h"
 
 namespace cairn::synth {
@@ -169,6 +173,83 @@ TEST(Sequence, MotionIsSmoothAndSessionsDiffer) {
   EXPECT_EQ(Preset("castle").status().code(), absl::StatusCode::kNotFound);
 }
 
+TEST(Trajectory, TurningStaysWithinAHandsBreadth) {
+  const auto options = Preset("turning");
+  const auto path = Trajectory::Create(options->world, options->trajectory);
+  Eigen::AlignedBox3d extent;
+  double turned_rad = 0.0;
+  for (double s = 0; s < path->duration_s(); s += 0.1) {
+    extent.extend(path->Pose(s).translation());
+    turned_rad = std::max(turned_rad, AngleRad(path->Pose(0).rotation().conjugate() * path->Pose(s).rotation()));
+  }
+  EXPECT_LT(extent.sizes().maxCoeff(), 0.15);
+  EXPECT_GT(turned_rad, 0.9);
+}
+
+TEST(Walk, IsMeasuredAlongItsLength) {
+  // Points on a circle of radius 2: a B-spline of many of them is that circle, a little smaller.
+  std::vector<Walk::Waypoint> points;
+  for (int i = 0; i < 40; ++i) points.push_back({2.0 * std::cos(0.1 * i), 2.0 * std::sin(0.1 * i), 0.01 * i});
+  const Walk walk(points);
+  EXPECT_NEAR(walk.length_m(), 2.0 * 0.1 * 37, 0.02);
+  for (double at = 0.1; at < walk.length_m() - 0.2; at += 0.37) {
+    const Walk::Step a = walk.At(at), b = walk.At(at + 0.1);
+    EXPECT_NEAR((b.position - a.position).norm(), 0.1, 1e-3);
+    EXPECT_NEAR(a.position.norm(), 2.0, 0.005);
+    EXPECT_NEAR(a.ahead.dot(a.position), 0.0, 0.005);
+    EXPECT_NEAR(b.look_rad - a.look_rad, 0.1 * 0.1 * 0.5, 1e-4);
+  }
+  EXPECT_NEAR((walk.At(-1.0).position - walk.At(0.0).position).norm(), 1.0, 1e-9);
+}
+
+TEST(Overlap, GrowsWhenOneWalksIntoTheOthersRoom) {
+  SequenceOptions o = *Preset("rooms");
+  o.world.texels_per_m = 20;
+  o.rate_hz = 2;
+  const auto first = Sequence::Create(o);
+  EXPECT_GT((*SharedViews(*first, o))[4], 0.95) << "of a recording with itself";
+  SequenceOptions other = o;
+  other.trajectory.session = 1;
+  const auto second = Sequence::Create(other);
+  const auto shares = SharedViews(*second, o);
+  ASSERT_TRUE(shares.ok()) << shares.status();
+  ASSERT_EQ(shares->size(), static_cast<std::size_t>(second->size()));
+  EXPECT_LT((*shares)[0], 0.01);
+  EXPECT_LT((*shares)[shares->size() / 4], 0.05);
+  EXPECT_GT(shares->back(), 0.5);
+}
+
+TEST(World, ACatalogueMakesRoomsAlikeButNotTheSame) {
+  // Share of what stands in the second room that looks like something in the first.
+  const auto alike = [](std::uint64_t catalogue) {
+    WorldOptions o;
+    o.texels_per_m = 40;
+    o.catalogue = catalogue;
+    o.seed = 11;
+    const auto first = World::Create(o);
+    o.seed = 12;
+    const auto second = World::Create(o);
+    const auto same = [&](const Quad& a, const Quad& b) {
+      if (std::abs(a.size_u_m - b.size_u_m) > 1e-4 || std::abs(a.size_v_m - b.size_v_m) > 1e-4) return false;
+      const Texture& ta = first->textures()[static_cast<std::size_t>(a.texture)];
+      const Texture& tb = second->textures()[static_cast<std::size_t>(b.texture)];
+      for (float share = 0.05f; share < 1.0f; share += 0.1f) {
+        const float u = share * static_cast<float>(ta.width()), v = share * static_cast<float>(ta.height());
+        if (ta.Sample(u, v, 1, 0, 0, 1) != tb.Sample(u, v, 1, 0, 0, 1)) return false;
+      }
+      return true;
+    };
+    double count = 0.0;
+    for (const Quad& b : second->quads()) {
+      count += std::any_of(first->quads().begin(), first->quads().end(), [&](const Quad& a) { return same(a, b); });
+    }
+    return count / static_cast<double>(second->quads().size());
+  };
+  EXPECT_LT(alike(0), 0.01);
+  EXPECT_GT(alike(1), 0.08);  // of all rectangles, most of which are books, boxes and papers
+  EXPECT_LT(alike(1), 0.8);
+}
+
 TEST(World, AliasedSidesAreTurnedCopies) {
   const auto difference = [](const char* preset, double time_s) {
     WorldOptions o = Preset(preset)->world;
@@ -272,6 +353,7 @@ TEST(Options, BadOnesAreNamed) {
   EXPECT_TRUE(fails([](SequenceOptions& o) { o.world.blank_share = 2; }));
   EXPECT_TRUE(fails([](SequenceOptions& o) { o.world.size_m.x() = -1; }));
   EXPECT_TRUE(fails([](SequenceOptions& o) { o.world.texels_per_m = NAN; }));
+  EXPECT_TRUE(fails([](SequenceOptions& o) { o.world.kind = WorldKind::kRooms; }));  // too small for two
   EXPECT_TRUE(fails([](SequenceOptions& o) { o.trajectory.laps = 0; }));
   EXPECT_TRUE(fails([](SequenceOptions& o) { o.camera.fx_px = 0; }));
   EXPECT_TRUE(fails([](SequenceOptions& o) { o.effects.gamma = 0; }));

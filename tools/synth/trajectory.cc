@@ -11,6 +11,7 @@ namespace cairn::synth {
 namespace {
 
 constexpr double kTurn = 2.0 * std::numbers::pi;
+constexpr double kTurningRound_m = 8.0;  // what a round of turning counts as
 
 // A camera that looks along `gaze` with the horizon level.
 Matrix3d LookAlong(const Vector3d& gaze) {
@@ -18,6 +19,46 @@ Matrix3d LookAlong(const Vector3d& gaze) {
   Matrix3d rotation;
   rotation << x, z.cross(x), z;
   return rotation;
+}
+
+Vector3d GazeOf(double yaw, double pitch) {
+  return {std::cos(yaw) * std::cos(pitch), std::sin(yaw) * std::cos(pitch), std::sin(pitch)};
+}
+
+// How far one looks to the left of the way ahead on a round through a room: to the right, at its walls.
+constexpr double kLookAtWalls_rad = -0.25 * kTurn + 0.3;
+
+// Waypoints of a round counter-clockwise about a room's middle, `share` of it, from `angle_rad` on.
+void AppendRound(double x, double y, double radius_x, double radius_y, double angle_rad, double share,
+                 std::vector<Walk::Waypoint>& points) {
+  const int pieces = std::max(1, static_cast<int>(std::lround(12.0 * share)));
+  for (int i = 0; i <= pieces; ++i) {
+    const double a = angle_rad + kTurn * share * i / pieces;
+    points.push_back({x + radius_x * std::cos(a), y + radius_y * std::sin(a), kLookAtWalls_rad});
+  }
+}
+
+// Through two rooms with a passage between them (WorldKind::kRooms), or about one of them.
+Walk WalkThroughRooms(const WorldOptions& world, const TrajectoryOptions& options, Random& random) {
+  const double room = 0.5 * (world.size_m.x() - world.passage_length_m), y = 0.5 * world.size_m.y();
+  const double first_x = 0.5 * room, second_x = world.size_m.x() - 0.5 * room;
+  const double size = random.Uniform(0.92, 1.08);
+  const double rx = std::max(0.4, size * (0.5 * room - 1.95)), ry = std::max(0.4, size * (y - 1.7));
+  std::vector<Walk::Waypoint> points;
+  if (options.session % 3 != 1) {
+    const double from = -0.25 * kTurn + random.Uniform(-0.5, 0.5);
+    AppendRound(options.session % 3 == 0 ? first_x : second_x, y, rx, ry, from, options.laps, points);
+    return Walk(points);
+  }
+  // Half a round in the second room; at its north side one turns to the door, walks through and does the rest in the
+  // first room, from its north side on.
+  AppendRound(second_x, y, rx, ry, -0.27 * kTurn, 0.5, points);
+  const double east = room + world.passage_length_m;
+  points.push_back({0.5 * (second_x + east), y + 0.45 * ry, -0.1 * kTurn});
+  for (const double x : {east + 0.3, east - 0.6, room + 0.6, room - 0.3}) points.push_back({x, y, 0.0});
+  points.push_back({0.5 * (first_x + room), y + 0.45 * ry, -0.1 * kTurn});
+  AppendRound(first_x, y, rx, ry, 0.23 * kTurn, std::max(0.3, options.laps - 0.5), points);
+  return Walk(points);
 }
 
 }  // namespace
@@ -39,7 +80,14 @@ absl::StatusOr<Trajectory> Trajectory::Create(const WorldOptions& world, const T
   t.options_ = options;
   Random random(Derive(options.seed, 1000 + static_cast<std::uint64_t>(options.session)));
   const bool room = world.kind == WorldKind::kRoom;
-  if (room) {
+  if (options.motion == Motion::kTurn) {
+    t.round_m_ = kTurningRound_m;
+    t.height_m_ = std::min(1.5, 0.55 * world.size_m.z());
+  } else if (world.kind == WorldKind::kRooms) {
+    t.walk_ = WalkThroughRooms(world, options, random);
+    t.round_m_ = t.walk_.length_m() / options.laps;
+    t.height_m_ = 1.5 + random.Uniform(-0.05, 0.05);
+  } else if (room) {
     // An ellipse in the part of the room that furniture leaves free, looking outward.
     const double size = 0.92 + 0.08 * (options.session % 3) + random.Uniform(-0.03, 0.03);
     t.radius_x_m_ = std::max(0.25, size * (0.5 * world.size_m.x() - 1.95));
@@ -50,13 +98,14 @@ absl::StatusOr<Trajectory> Trajectory::Create(const WorldOptions& world, const T
     t.height_m_ = std::min(1.45 + 0.1 * (options.session % 3) + random.Uniform(-0.04, 0.04), 0.6 * world.size_m.z());
     t.gaze_offset_rad_ = 0.3 + random.Uniform(-0.1, 0.1);
     t.direction_ = options.session % 4 == 3 ? -1.0 : 1.0;
+    t.start_m_ = t.round_m_ * 0.13 * options.session;
   } else {
     t.corner_radius_m_ = 0.9;
     const double x = world.size_m.x() - world.corridor_width_m, y = world.size_m.y() - world.corridor_width_m;
     t.round_m_ = 2.0 * (x + y) - 8.0 * t.corner_radius_m_ + kTurn * t.corner_radius_m_;
     t.height_m_ = 1.5 + 0.08 * (options.session % 3) + random.Uniform(-0.04, 0.04);
+    t.start_m_ = 1.5 * t.corner_radius_m_ + 0.4 * options.session;
   }
-  t.start_m_ = room ? t.round_m_ * 0.13 * options.session : 1.5 * t.corner_radius_m_ + 0.4 * options.session;
   t.duration_s_ = options.laps * t.round_m_ / options.speed_m_s;
 
   // Slow variations along the path: whole numbers of waves a round would make two laps alike, so they are not.
@@ -68,8 +117,22 @@ absl::StatusOr<Trajectory> Trajectory::Create(const WorldOptions& world, const T
     }
     return all;
   };
-  t.sway_ = {waves(room ? 0.16 : 0.18, room ? 2.6 : 7.0, 3), waves(0.05, 2.0, 2),
-             waves(room ? 0.14 : 0.05, room ? 2.2 : 5.0, 3)};
+  const bool rooms = world.kind == WorldKind::kRooms;
+  t.sway_ = {waves(room    ? 0.16
+                   : rooms ? 0.08
+                           : 0.18,
+                   room    ? 2.6
+                   : rooms ? 3.0
+                           : 7.0,
+                   3),
+             waves(0.05, 2.0, 2),
+             waves(room    ? 0.14
+                   : rooms ? 0.08
+                           : 0.05,
+                   room    ? 2.2
+                   : rooms ? 2.6
+                           : 5.0,
+                   3)};
   t.gaze_ = {waves(room ? 0.16 : 0.10, room ? 2.4 : 6.0, 3), waves(room ? 0.11 : 0.05, room ? 1.9 : 5.0, 3)};
   for (std::size_t k = 0; k < 6; ++k) {
     const double amplitude = options.tremor * (k < 3 ? 0.0025 : 0.0030);
@@ -96,7 +159,31 @@ void Trajectory::Room(double at_m, Vector3d& position, Vector3d& gaze) const {
                       0.5 * world_.size_m.y() + r * radius_y_m_ * outward.y(), height_m_ + Sum(sway_[2], at_m));
   const double yaw = angle + direction_ * gaze_offset_rad_ + Sum(gaze_[0], at_m);
   const double pitch = -0.17 + Sum(gaze_[1], at_m);
-  gaze = Vector3d(std::cos(yaw) * std::cos(pitch), std::sin(yaw) * std::cos(pitch), std::sin(pitch));
+  gaze = GazeOf(yaw, pitch);
+}
+
+void Trajectory::Rooms(double at_m, Vector3d& position, Vector3d& gaze) const {
+  const Walk::Step step = walk_.At(at_m);
+  const Vector3d aside = Vector3d::UnitZ().cross(step.ahead);
+  position = step.position + Sum(sway_[0], at_m) * aside + Vector3d(0, 0, height_m_ + Sum(sway_[2], at_m));
+  const double yaw = std::atan2(step.ahead.y(), step.ahead.x()) + step.look_rad + Sum(gaze_[0], at_m);
+  gaze = GazeOf(yaw, -0.1 + Sum(gaze_[1], at_m));
+}
+
+// The camera in a hand before the body: it turns about all three axes, and to and fro by some centimetres it goes
+// faster.
+SE3 Trajectory::Turning(double at_m) const {
+  const double a = kTurn * at_m / round_m_;
+  const double yaw = 0.9 * std::sin(a) + 0.25 * std::sin(2.3 * a + 1.0);
+  const double pitch = 0.30 * std::sin(1.7 * a) - 0.1;
+  const double roll = 0.35 * (std::sin(2.1 * a + 0.7) - std::sin(0.7));
+  const double heading = kTurn * (0.15 + 0.21 * options_.session);
+  const Vector3d middle(0.5 * world_.size_m.x(), 0.5 * world_.size_m.y(), height_m_);
+  const Vector3d forward(std::cos(heading), std::sin(heading), 0.0), aside(-forward.y(), forward.x(), 0.0);
+  const Vector3d arm = 0.06 * std::sin(6.1 * a + 0.2) * aside + 0.03 * std::sin(5.3 * a + 0.5) * forward +
+                       Vector3d(0, 0, 0.05 * std::sin(7.3 * a + 0.3));
+  const Quaterniond level(LookAlong(GazeOf(heading + yaw, pitch)));
+  return SE3(level * ExpSO3(Vector3d(0, 0, roll)), middle + 0.2 * (options_.session % 3) * forward + arm);
 }
 
 // The middle of the corridor, round the corners on arcs, counter-clockwise from the south-west.
@@ -128,24 +215,35 @@ void Trajectory::Corridor(double at_m, Vector3d& position, Vector3d& gaze) const
   position = Centerline(at) + Sum(sway_[0], at_m) * aside + Vector3d(0, 0, height_m_ + Sum(sway_[2], at_m));
   // One looks where one will be: turns begin before the corner and are slow.
   const Vector3d look = (Centerline(at + 1.3) - Centerline(at - 0.5)).normalized();
-  const double yaw = std::atan2(look.y(), look.x()) + Sum(gaze_[0], at_m), pitch = -0.06 + Sum(gaze_[1], at_m);
-  gaze = Vector3d(std::cos(yaw) * std::cos(pitch), std::sin(yaw) * std::cos(pitch), std::sin(pitch));
+  gaze = GazeOf(std::atan2(look.y(), look.x()) + Sum(gaze_[0], at_m), -0.06 + Sum(gaze_[1], at_m));
 }
 
 SE3 Trajectory::Pose(double time_s) const {
-  Vector3d position, gaze;
+  Vector3d position = Vector3d::Zero(), gaze = Vector3d::UnitX();
   const double at_m = options_.speed_m_s * time_s;
-  if (world_.kind == WorldKind::kRoom) {
-    Room(at_m, position, gaze);
+  SE3 pose;
+  if (options_.motion == Motion::kTurn) {
+    pose = Turning(at_m);
   } else {
-    Corridor(at_m, position, gaze);
+    switch (world_.kind) {
+      case WorldKind::kRoom:
+        Room(at_m, position, gaze);
+        break;
+      case WorldKind::kCorridor:
+        Corridor(at_m, position, gaze);
+        break;
+      case WorldKind::kRooms:
+        Rooms(at_m, position, gaze);
+        break;
+    }
+    pose = SE3(Quaterniond(LookAlong(gaze)), position);
   }
   Vector3d shift, turn;
   for (int k = 0; k < 3; ++k) {
     shift[k] = Sum(tremor_[static_cast<std::size_t>(k)], time_s);
     turn[k] = Sum(tremor_[static_cast<std::size_t>(k + 3)], time_s);
   }
-  return SE3(Quaterniond(LookAlong(gaze)) * ExpSO3(turn), position + shift);
+  return SE3(pose.rotation() * ExpSO3(turn), pose.translation() + shift);
 }
 
 }  // namespace cairn::synth

@@ -8,17 +8,26 @@
 
 #include "base/status.h"
 #include "geometry/se3.h"
+#include "synth/walk.h"
 #include "synth/world.h"
 
 namespace cairn::synth {
 
+enum class Motion {
+  kWalk,  // through a room, a corridor, or from room to room
+  kTurn,  // stands in the middle of a room and turns the camera about all axes, its centre within 0.15 m
+};
+
 struct TrajectoryOptions {
+  Motion motion = Motion::kWalk;
   std::uint64_t seed = 1;
-  // Sessions of one world take other paths, heights and gazes past the same places. From 0.
+  // Sessions of one world take other paths, heights and gazes past the same places. From 0. Of two rooms, session 0
+  // walks about in the first; session 1 begins in the second and walks through the passage into the first; session 2
+  // stays in the second; and so on.
   int session = 0;
   // Rounds through the room or corridor; more than 1 comes back to places already seen.
   double laps = 1.0;
-  // Mean speed along the path; a room's round is about 8 m.
+  // Mean speed along the path; a room's round is about 8 m. One who turns does a round in as long as 8 m take.
   double speed_m_s = 0.5;
   // Of the tremor of the hand: 1 is some 4 mm and 0.3 degrees; 0 is a rail.
   double tremor = 1.0;
@@ -45,6 +54,8 @@ class Trajectory {
   // Position and direction of gaze along the path, without tremor. `at`: path length in metres.
   void Room(double at_m, Vector3d& position, Vector3d& gaze) const;
   void Corridor(double at_m, Vector3d& position, Vector3d& gaze) const;
+  void Rooms(double at_m, Vector3d& position, Vector3d& gaze) const;
+  SE3 Turning(double at_m) const;
   Vector3d Centerline(double at_m) const;
 
   WorldOptions world_;
@@ -56,6 +67,7 @@ class Trajectory {
   double height_m_ = 1.5;
   double radius_x_m_ = 0.0, radius_y_m_ = 0.0, corner_radius_m_ = 0.0;
   double gaze_offset_rad_ = 0.0;
+  Walk walk_;                                // from room to room
   std::array<std::vector<Wave>, 3> sway_;    // of the position along the path: outward, forward (room) or aside, up
   std::array<std::vector<Wave>, 2> gaze_;    // yaw and pitch along the path
   std::array<std::vector<Wave>, 6> tremor_;  // over time: translation in metres, rotation in radians

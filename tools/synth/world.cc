@@ -153,6 +153,15 @@ absl::Status WorldOptions::Validate() const {
       return bad("a corridor's outer wall must leave at least 1 m of building inside the loop");
     }
   }
+  if (kind == WorldKind::kRooms) {
+    if (!(corridor_width_m >= 1.2 && corridor_width_m <= 0.5 * size_m.y())) {
+      return bad("the passage between rooms must be at least 1.2 m and at most half of a room wide");
+    }
+    if (!(passage_length_m >= 1.0 && passage_length_m <= 50.0)) return bad("passage_length_m must be in [1, 50]");
+    if (std::min(0.5 * (size_m.x() - passage_length_m), size_m.y()) < 4.0) {
+      return bad("two rooms and the passage between them need rooms of at least 4 m");
+    }
+  }
   if (!(blank_share >= 0.0 && blank_share <= 1.0)) return bad("blank_share must be in [0, 1]");
   if (!(furniture_density >= 0.0 && furniture_density <= 1.0)) return bad("furniture_density must be in [0, 1]");
   if (!(texels_per_m >= 20.0 && texels_per_m <= 2000.0)) return bad("texels_per_m must be in [20, 2000]");
@@ -163,10 +172,16 @@ absl::Status WorldOptions::Validate() const {
 absl::StatusOr<World> World::Create(const WorldOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   WorldBuilder builder(options);
-  if (options.kind == WorldKind::kRoom) {
-    BuildRoom(builder, options);
-  } else {
-    BuildCorridor(builder, options);
+  switch (options.kind) {
+    case WorldKind::kRoom:
+      BuildRoom(builder, options);
+      break;
+    case WorldKind::kCorridor:
+      BuildCorridor(builder, options);
+      break;
+    case WorldKind::kRooms:
+      BuildRooms(builder, options);
+      break;
   }
   return builder.Finish();
 }

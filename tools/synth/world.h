@@ -17,13 +17,15 @@ namespace cairn::synth {
 enum class WorldKind {
   kRoom,      // one room, x in [0, size.x], y in [0, size.y], furnished along its walls
   kCorridor,  // a closed rectangular corridor; its outer wall spans [0, size.x] x [0, size.y]
+  kRooms,  // two rooms of the same size at the ends of a straight passage along x; together [0, size.x] x [0, size.y]
 };
 
 struct WorldOptions {
   WorldKind kind = WorldKind::kRoom;
   std::uint64_t seed = 1;
   Vector3d size_m = Vector3d(6.6, 5.2, 2.8);
-  double corridor_width_m = 2.2;
+  double corridor_width_m = 2.2;  // of a corridor, or of the passage between rooms
+  double passage_length_m = 4.0;  // between rooms
   // Share of the walls' area that is blank: plain paint, no posters.
   double blank_share = 0.0;
   // Corridor only: the two sides along x look exactly alike, panel by panel and object by object; the other two do not.
@@ -33,6 +35,10 @@ struct WorldOptions {
   bool soft_side = false;
   // 0: no furniture, bare walls.
   double furniture_density = 1.0;
+  // Rooms only: furniture, posters and kinds of walls come from a catalogue of few models, the same for all worlds with
+  // this number, so that these look alike; what stands where, what lies on it, books, boxes and stains are each world's
+  // own. 0: everything is one of its kind.
+  std::uint64_t catalogue = 0;
   double texels_per_m = 260.0;
   // Threads that paint the textures; the result does not depend on it.
   int threads = 2;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/random.h"
 #include "synth/world.h"
 
 namespace cairn::synth {
@@ -71,17 +72,36 @@ class WorldBuilder {
 std::uint64_t Derive(std::uint64_t seed, std::uint64_t index);
 
 // What rooms and corridors are filled with (furniture.cc); `width` along the wall, the wall is at y = 0 of the place
-// and the room at y < 0.
-void AddDesk(WorldBuilder& builder, const Place& place, double width, std::uint64_t seed);
-void AddShelf(WorldBuilder& builder, const Place& place, double width, std::uint64_t seed);
-void AddCabinet(WorldBuilder& builder, const Place& place, double width, std::uint64_t seed);
+// and the room at y < 0. `seed`: of the model; `contents`: of what lies on it or stands in it.
+void AddDesk(WorldBuilder& builder, const Place& place, double width, std::uint64_t seed, std::uint64_t contents);
+void AddShelf(WorldBuilder& builder, const Place& place, double width, std::uint64_t seed, std::uint64_t contents);
+void AddCabinet(WorldBuilder& builder, const Place& place, double width, std::uint64_t seed, std::uint64_t contents);
 void AddBoxes(WorldBuilder& builder, const Place& place, double width, std::uint64_t seed);
 void AddDoor(WorldBuilder& builder, const Place& place, std::uint64_t seed);
 void AddWindow(WorldBuilder& builder, const Place& place, double width, std::uint64_t seed);
 void AddPoster(WorldBuilder& builder, const Place& place, double width, double height, double z, std::uint64_t seed);
 void AddChair(WorldBuilder& builder, const Place& place, std::uint64_t seed);
 
+// Walls (walls.cc).
+Material RichWall(Random& random);
+// A stretch of wall as one stands facing it: its left end on the floor, and the direction to the right.
+void AddWall(WorldBuilder& builder, const Place& place, double width, double height, Material material,
+             std::uint64_t seed);
+// Posters over the free part of a wall, above `z`.
+void AddPosters(WorldBuilder& builder, const Place& wall, double x0, double x1, double z, double z_max,
+                std::uint64_t catalogue, Random& random);
+// Things side by side along a wall between x0 and x1. `catalogue`, `density`: as in WorldOptions.
+struct Furnishing {
+  double height_m = 0.0;  // of the wall
+  double density = 1.0;
+  bool blank = false;  // nothing but the wall
+  std::uint64_t catalogue = 0;
+};
+void FurnishWall(WorldBuilder& builder, const Place& wall, double x0, double x1, const Furnishing& furnishing,
+                 Random& random);
+
 void BuildRoom(WorldBuilder& builder, const WorldOptions& options);
 void BuildCorridor(WorldBuilder& builder, const WorldOptions& options);
+void BuildRooms(WorldBuilder& builder, const WorldOptions& options);
 
 }  // namespace cairn::synth

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <mutex>
+#include <numbers>
 #include <vector>
 
 #include "absl/strings/str_format.h"
@@ -13,6 +14,7 @@
 #include "io/atomic_file.h"
 #include "io/image_codecs.h"
 #include "io/trajectory.h"
+#include "synth/overlap.h"
 
 namespace cairn::synth {
 namespace {
@@ -54,7 +56,7 @@ absl::Status PrepareFolder(const fs::path& root, bool overwrite) {
     }
     // Only what a data set consists of.
     for (const char* part : {"mav0", "images", "groundtruth_cam0.txt", "groundtruth.txt", "camera.txt", "times.txt",
-                             "pcalib.txt", "vignette.png"}) {
+                             "pcalib.txt", "vignette.png", "overlap.txt"}) {
       fs::remove_all(root / part, error);
       if (error) {
         return absl::UnavailableError(absl::StrCat("cannot remove ", (root / part).string(), ": ", error.message()));
@@ -208,6 +210,24 @@ absl::Status WriteTumMono(const Sequence& sequence, const DatasetOptions& option
                                 {.overwrite = true, .comment = "world_from_camera, synthetic"});
 }
 
+absl::Status WriteOverlap(const Sequence& sequence, int with_session, const fs::path& path) {
+  SequenceOptions other = sequence.options();
+  other.trajectory.session = with_session;
+  other.max_duration_s = 0.0;
+  const OverlapOptions options;
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<double> shares, SharedViews(sequence, other, options));
+  std::string text = absl::StrFormat(
+      "# time and the largest share of the surface in view that one image of session %d shows too, from within %.0f "
+      "deg "
+      "and %.1f times the distance\n",
+      with_session + 1, options.max_angle_rad * 180.0 / std::numbers::pi, options.max_distance_ratio);
+  for (int i = 0; i < sequence.size(); ++i) {
+    absl::StrAppendFormat(&text, "%s %.3f\n", io::FormatSeconds(sequence.TimeNsOf(i)),
+                          shares[static_cast<std::size_t>(i)]);
+  }
+  return io::WriteFileAtomically(path.string(), text, true);
+}
+
 }  // namespace
 
 absl::string_view DatasetFormatName(DatasetFormat format) {
@@ -235,6 +255,9 @@ absl::Status GenerateDataset(const DatasetOptions& options, const std::string& o
   if (out_dir.empty()) return absl::InvalidArgumentError("the name of the folder to write is empty");
   CAIRN_RETURN_IF_ERROR(PrepareFolder(out_dir, options.overwrite));
   CAIRN_ASSIGN_OR_RETURN(const Sequence sequence, Sequence::Create(options.sequence));
+  if (options.overlap_with_session) {
+    CAIRN_RETURN_IF_ERROR(WriteOverlap(sequence, *options.overlap_with_session, fs::path(out_dir) / "overlap.txt"));
+  }
   return options.format == DatasetFormat::kEuroc ? WriteEuroc(sequence, options, out_dir, progress)
                                                  : WriteTumMono(sequence, options, out_dir, progress);
 }

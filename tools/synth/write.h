@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "absl/strings/string_view.h"
@@ -24,6 +25,8 @@ absl::StatusOr<DatasetFormat> DatasetFormatFromName(absl::string_view name);
 struct DatasetOptions {
   SequenceOptions sequence;
   DatasetFormat format = DatasetFormat::kEuroc;
+  // overlap.txt says of each image how much of what it shows this session of the same world shows too (overlap.h).
+  std::optional<int> overlap_with_session;
   // Images rendered at a time; the files do not depend on it.
   int threads = 2;
   // False: AlreadyExists if the folder is there and not empty. True: a data set in it is replaced.
