@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/guarded.h"
+#include "map/camera_identity.h"
 #include "map/lens.h"
 
 namespace cairn::client {
@@ -12,7 +13,6 @@ namespace {
 
 constexpr std::size_t kKeptUndistorters = 4;
 constexpr std::int64_t kKeptPixels = 50'000'000;  // of all of them, 6 bytes each; the last one is kept in any case
-constexpr double kSamePx = 0.1;
 
 using Clock = std::chrono::steady_clock;
 
@@ -51,29 +51,6 @@ absl::Status CheckQuery(const api::LocalizeQuery& query) {
   return absl::OkStatus();
 }
 
-bool SamePinhole(const Pinhole& a, const Pinhole& b) {
-  return a.width_px == b.width_px && a.height_px == b.height_px && std::abs(a.fx_px - b.fx_px) < kSamePx &&
-         std::abs(a.fy_px - b.fy_px) < kSamePx && std::abs(a.cx_px - b.cx_px) < kSamePx &&
-         std::abs(a.cy_px - b.cy_px) < kSamePx;
-}
-
-// Whether two calibrations say the same, however they say it and up to their rounding: every ray meets the same pixel.
-bool SameCalibration(const Camera& a, const Camera& b) {
-  if (a == b) return true;
-  if (a.width_px != b.width_px || a.height_px != b.height_px) return false;
-  constexpr int kSteps = 8;
-  for (int i = 0; i <= kSteps; ++i) {
-    for (int j = 0; j <= kSteps; ++j) {
-      const Eigen::Vector2d pixel(i * (a.width_px - 1.0) / kSteps, j * (a.height_px - 1.0) / kSteps);
-      const std::optional<Eigen::Vector3d> ray = a.Unproject(pixel);
-      if (!ray) continue;
-      const std::optional<Eigen::Vector2d> other = b.Project(*ray);
-      if (!other || (*other - pixel).norm() > kSamePx) return false;
-    }
-  }
-  return true;
-}
-
 }  // namespace
 
 absl::Status LocalLocalizerOptions::Validate() const {
@@ -85,7 +62,7 @@ absl::StatusOr<std::unique_ptr<LocalLocalizer>> LocalLocalizer::Open(const std::
                                                                      const LocalLocalizerOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   auto localizer = std::unique_ptr<LocalLocalizer>(new LocalLocalizer(options));
-  CAIRN_ASSIGN_OR_RETURN(localizer->file_, store::MapFile::OpenReadOnly(path));
+  CAIRN_ASSIGN_OR_RETURN(localizer->file_, store::OpenMapStore(path, store::OpenMode::kRead));
   const absl::StatusOr<std::string> bytes = localizer->file_->LoadVocabulary();
   if (absl::IsNotFound(bytes.status())) {
     return absl::FailedPreconditionError(
@@ -101,18 +78,23 @@ absl::StatusOr<std::unique_ptr<LocalLocalizer>> LocalLocalizer::Open(const std::
 
 absl::Status LocalLocalizer::Load() {
   CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot());
-  auto places = tracking::PlaceDatabase::Build(vocabulary_, *snapshot);
-  CAIRN_RETURN_IF_ERROR(Annotate(places.status(), file_->path()));
-  parts_ = std::make_unique<const map::LinkedParts>(*snapshot);
-  snapshot_ = std::move(snapshot);
-  places_ = std::make_unique<tracking::PlaceDatabase>(*std::move(places));
+  auto view = tracking::MapView::Create(std::move(snapshot), vocabulary_);
+  CAIRN_RETURN_IF_ERROR(Annotate(view.status(), file_->uri()));
+  view_ = *std::move(view);
   return absl::OkStatus();
 }
 
 absl::StatusOr<bool> LocalLocalizer::Refresh() {
   CAIRN_ASSIGN_OR_RETURN(const Revision newest, file_->ReadRevision());
-  if (newest == snapshot_->revision()) return false;
-  CAIRN_RETURN_IF_ERROR(Load());
+  if (newest == view_->revision()) return false;
+  CAIRN_ASSIGN_OR_RETURN(const std::optional<map::Delta> delta, file_->ReadDelta(view_->map()));
+  if (!delta) {
+    CAIRN_RETURN_IF_ERROR(Load());
+    return true;
+  }
+  auto next = view_->After(*delta);
+  CAIRN_RETURN_IF_ERROR(Annotate(next.status(), file_->uri()));
+  view_ = *std::move(next);
   return true;
 }
 
@@ -149,8 +131,9 @@ void LocalLocalizer::FillPose(const tracking::Relocalization& found, api::Locali
   answer->map_from_camera = found.camera_from_map.Inverse();
   answer->covariance = found.covariance;
   answer->reference_keyframe = found.reference_keyframe;
-  answer->part = parts_->PartOf(found.reference_keyframe);
-  const auto& world_from_map = snapshot_->info().world_from_map;
+  answer->component = snapshot().keyframe(found.reference_keyframe).component;
+  const auto& world_from_map = snapshot().WorldFrom(answer->component);
+  answer->world_is_metric = world_from_map.has_value();
   if (world_from_map) answer->world_per_map = world_from_map->scale();
   answer->world_from_camera =
       world_from_map ? world_from_map->TransformPose(answer->map_from_camera) : answer->map_from_camera;
@@ -159,11 +142,11 @@ void LocalLocalizer::FillPose(const tracking::Relocalization& found, api::Locali
 // A camera that the map knows, by its calibration, and whose lens it has corrected: a query's is the same.
 api::LensUse LocalLocalizer::CorrectLens(const image::Undistorter& undistorter, image::Features* features) const {
   api::LensUse use = api::LensUse::kNone;
-  for (const auto& [id, camera] : snapshot_->cameras()) {
+  for (const auto& [id, camera] : snapshot().cameras()) {
     if (!camera.lens) continue;
     use = api::LensUse::kOtherCalibration;
-    if (!SamePinhole(camera.pinhole, undistorter.pinhole())) continue;
-    if (!SameCalibration(camera.model, undistorter.camera())) continue;
+    if (!map::SamePinhole(camera.pinhole, undistorter.pinhole())) continue;
+    if (!map::SameCalibration(camera.model, undistorter.camera())) continue;
     map::CorrectKeypoints(camera, features->keypoints);
     return api::LensUse::kCorrected;
   }
@@ -177,22 +160,21 @@ absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::Localize
 absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Locate(const api::LocalizeQuery& query) {
   CAIRN_RETURN_IF_ERROR(CheckQuery(query));
   api::LocalizeAnswer answer;
-  answer.map_id = snapshot_->info().id;
-  answer.revision = snapshot_->revision();
-  answer.parts = std::max(1, static_cast<int>(parts_->parts().size()));
-  answer.world_is_metric = snapshot_->info().world_from_map.has_value();
+  answer.map_id = snapshot().info().id;
+  answer.revision = snapshot().revision();
+  answer.components = static_cast<int>(snapshot().LiveComponents().size());
 
   const auto start = Clock::now();
   CAIRN_ASSIGN_OR_RETURN(const auto undistorter, UndistorterFor(query.camera));
   CAIRN_ASSIGN_OR_RETURN(const cv::Mat image, undistorter->Undistort(query.image));
-  const image::OrbExtractor extractor(snapshot_->info().orb);
+  const image::OrbExtractor extractor(snapshot().info().orb);
   CAIRN_ASSIGN_OR_RETURN(image::Features features, extractor.Extract(image, options_.num_features));
   answer.lens = CorrectLens(*undistorter, &features);
   answer.extract_ms = MillisecondsSince(start);
 
   const auto extracted = Clock::now();
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
-                         relocalizer_.Relocalize(*snapshot_, *places_, undistorter->pinhole(), features));
+                         relocalizer_.Relocalize(snapshot(), *view_->places(), undistorter->pinhole(), features));
   answer.locate_ms = MillisecondsSince(extracted);
   answer.localized = found.localized;
   answer.stage = ToApi(found.stage);

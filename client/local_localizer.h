@@ -10,11 +10,10 @@
 #include "api/localizer.h"
 #include "image/orb_extractor.h"
 #include "image/undistort.h"
-#include "map/linked_parts.h"
 #include "map/snapshot.h"
 #include "place/vocabulary.h"
-#include "store/map_file.h"
-#include "tracking/place_database.h"
+#include "store/map_store.h"
+#include "tracking/map_view.h"
 #include "tracking/relocalizer.h"
 
 namespace cairn::client {
@@ -37,10 +36,11 @@ class LocalLocalizer : public api::Localizer {
   // InvalidArgument: no 8-bit grey image, a camera that makes no sense, or one of another size than the image.
   absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override;
 
-  // Loads a newer revision if a writer has made one; true if so.
+  // Goes on to a newer revision if a writer has made one; true if so. Reads what has changed, as long as that is known
+  // (store::kMaxDeltaRevisions).
   absl::StatusOr<bool> Refresh();
 
-  const map::Snapshot& snapshot() const { return *snapshot_; }
+  const map::Snapshot& snapshot() const { return view_->map(); }
 
  private:
   explicit LocalLocalizer(const LocalLocalizerOptions& options)
@@ -55,11 +55,9 @@ class LocalLocalizer : public api::Localizer {
 
   LocalLocalizerOptions options_;
   tracking::Relocalizer relocalizer_;
-  std::unique_ptr<store::MapFile> file_;
+  std::unique_ptr<store::MapStore> file_;
   std::shared_ptr<const place::Vocabulary> vocabulary_;
-  std::shared_ptr<const map::Snapshot> snapshot_;
-  std::unique_ptr<tracking::PlaceDatabase> places_;
-  std::unique_ptr<const map::LinkedParts> parts_;
+  std::shared_ptr<const tracking::MapView> view_;
 
   std::mutex mutex_;  // of the last cameras, most recent first: making undistortion maps takes longer than using them
   std::vector<std::shared_ptr<const image::Undistorter>> undistorters_;

@@ -3,6 +3,7 @@
 #include <thread>
 
 #include "client/conformance/localizer_conformance.h"
+#include "store/sqlite_map_store.h"
 
 namespace cairn::conformance {
 namespace {
@@ -24,7 +25,7 @@ TEST_F(LocalLocalizer, RefreshFollowsAWriter) {
   const ConformanceMap& map = TheConformanceMap();
   store::CreateOptions options;
   options.vocabulary = map.vocabulary;
-  const auto writer = store::MapFile::Create(path_, map.snapshot->info(), options);
+  const auto writer = store::SqliteMapStore::Create(path_, map.snapshot->info(), options);
   ASSERT_TRUE(writer.ok()) << writer.status();
   const auto localizer = client::LocalLocalizer::Open(path_);
   ASSERT_TRUE(localizer.ok()) << localizer.status();
@@ -70,7 +71,7 @@ TEST_F(LocalLocalizer, ErrorsOfTheFileAndOfOptions) {
   std::remove(path_.c_str());
   map::MapInfo info = TheConformanceMap().snapshot->info();
   info.vocabulary_hash = 0;
-  ASSERT_TRUE(store::MapFile::Create(path_, info).ok());
+  ASSERT_TRUE(store::SqliteMapStore::Create(path_, info).ok());
   const auto without = client::LocalLocalizer::Open(path_).status();
   EXPECT_EQ(without.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(without.message()), testing::HasSubstr("no vocabulary"));

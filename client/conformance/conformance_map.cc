@@ -9,7 +9,7 @@
 #include "image/orb_extractor.h"
 #include "map/edit.h"
 #include "place/training.h"
-#include "store/map_file.h"
+#include "store/sqlite_map_store.h"
 #include "tracking/projection_matcher.h"
 
 namespace cairn::conformance {
@@ -124,7 +124,7 @@ absl::Status WriteConformanceMap(const std::string& path) {
   const ConformanceMap& map = TheConformanceMap();
   store::CreateOptions options;
   options.vocabulary = map.vocabulary;
-  CAIRN_ASSIGN_OR_RETURN(const auto file, store::MapFile::Create(path, map.snapshot->info(), options));
+  CAIRN_ASSIGN_OR_RETURN(const auto file, store::SqliteMapStore::Create(path, map.snapshot->info(), options));
   CAIRN_RETURN_IF_ERROR(file->Commit(map.delta));
   return file->Close();
 }

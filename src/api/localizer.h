@@ -51,10 +51,13 @@ struct LocalizeAnswer {
   LocalizeCounts counts;
 
   SE3 map_from_camera;
-  // The pose in the world frame; the same as map_from_camera while the map is not aligned.
+  // The component in whose frame the pose is; positions of different components mean nothing to each other.
+  ComponentId component;
+  int components = 0;  // that the map has
+  // The pose in the world frame; the same as map_from_camera while the component is not aligned.
   SE3 world_from_camera;
-  double world_per_map = 1.0;    // scale of world_from_map
-  bool world_is_metric = false;  // the map has been aligned
+  double world_per_map = 1.0;    // scale of world_from_component
+  bool world_is_metric = false;  // the component has been aligned
   // Of (translation, rotation) as a left increment of map_from_camera, in map units and radians, from the refinement.
   Matrix6d covariance = Matrix6d::Zero();
 
@@ -62,10 +65,6 @@ struct LocalizeAnswer {
   Revision revision = 0;
   LensUse lens = LensUse::kNone;
   KeyframeId reference_keyframe;  // the one that shares most points
-  // Of the parts of the map that nothing links to each other (map/linked_parts.h), the one in which the pose is right;
-  // 0 is the largest, which an alignment to the world is about. One part for most maps.
-  int part = 0;
-  int parts = 1;
   double extract_ms = 0.0;
   double locate_ms = 0.0;
 };

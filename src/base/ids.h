@@ -33,6 +33,7 @@ using KeyframeId = Id<struct KeyframeTag>;
 using PointId = Id<struct PointTag>;
 using CameraId = Id<struct CameraTag>;
 using SessionId = Id<struct SessionTag>;
+using ComponentId = Id<struct ComponentTag>;
 
 // The number of a map version: every committed Delta adds one. 0 is the empty map.
 using Revision = std::uint64_t;

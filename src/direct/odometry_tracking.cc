@@ -17,7 +17,7 @@ constexpr double kMaxVelocityRatio = 5.0;  // a gap is bridged by at most as man
 constexpr std::size_t kMaxReferences = 8;  // tried when lost
 constexpr double kPoorQuality = 0.6;
 
-SE3 Scaled(const SE3& motion, double factor) { return SE3::Exp(factor * motion.Log()); }
+SE3 PartOf(const SE3& motion, double factor) { return SE3::Exp(factor * motion.Log()); }
 
 }  // namespace
 
@@ -96,11 +96,11 @@ const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& refe
       const double step_s = ToSeconds(last->time_ns - before->time_ns), now_s = ToSeconds(time_ns - last->time_ns);
       const double ratio = step_s > 0.0 && now_s > 0.0 ? std::min(now_s / step_s, kMaxVelocityRatio) : 1.0;
       predicted_steps_ = std::max(1.0, ratio);
-      motion = Scaled(DirectFromCamera(*last).Inverse() * DirectFromCamera(*before), ratio);
+      motion = PartOf(DirectFromCamera(*last).Inverse() * DirectFromCamera(*before), ratio);
     }
     const SE3 predicted = motion * last_from_reference;
     guesses.push_back(predicted);
-    guesses.push_back(Scaled(motion, 0.5) * last_from_reference);
+    guesses.push_back(PartOf(motion, 0.5) * last_from_reference);
     guesses.push_back(motion * predicted);
     guesses.push_back(last_from_reference);
     guesses.emplace_back();

@@ -3,7 +3,6 @@
 #include <unordered_map>
 #include <utility>
 
-#include "map/linked_parts.h"
 #include "mapping/direct_trajectory.h"
 
 namespace cairn::engine {
@@ -31,15 +30,15 @@ mapping::KeyframeTrajectory Completed(const mapping::KeyframeTrajectory& known,
   return completed;
 }
 
-// By segment of the odometry, what of it was found in the map.
-std::unordered_map<std::int64_t, int> PartsOfSegments(const map::LinkedParts& parts,
-                                                      const mapping::KeyframeTrajectory& trajectory) {
-  std::unordered_map<std::int64_t, int> part_of;
+// By segment of the odometry, the component in which it was found.
+std::unordered_map<std::int64_t, ComponentId> ComponentsOfSegments(const map::Snapshot& map,
+                                                                   const mapping::KeyframeTrajectory& trajectory) {
+  std::unordered_map<std::int64_t, ComponentId> component_of;
   for (const mapping::KeyframeTrajectory::Entry& entry : trajectory.entries()) {
-    const int part = entry.reference ? parts.PartOf(entry.reference) : -1;
-    if (part >= 0) part_of[entry.segment] = part;
+    const map::Keyframe* reference = entry.reference ? map.keyframes().Find(entry.reference) : nullptr;
+    if (reference != nullptr) component_of[entry.segment] = reference->component;
   }
-  return part_of;
+  return component_of;
 }
 
 }  // namespace
@@ -73,20 +72,18 @@ PosesInMap LivePoses::All(const direct::Odometry& odometry) const {
   const std::shared_ptr<const State> state = Current();
   const direct::PoseHistory history = odometry.Poses();
   PosesInMap poses;
-  std::unordered_map<std::int64_t, int> part_of;
+  std::unordered_map<std::int64_t, ComponentId> component_of;
   if (state) {
-    const map::LinkedParts parts(*state->map);
-    poses.parts = parts.parts();
-    part_of = PartsOfSegments(parts, state->trajectory);
+    component_of = ComponentsOfSegments(*state->map, state->trajectory);
     poses.keyframes = Completed(state->trajectory, history.keyframes).Resolve(*state->map);
     if (!state->refined) poses.keyframes = mapping::DirectTrajectory(poses.keyframes);
   }
   poses.frames.reserve(history.frames.size());
   for (const direct::FrameResult& frame : history.frames) {
-    FramePose pose = {frame.index, frame.time_ns, frame.state, mapping::FramePose(poses.keyframes, frame), -1};
+    FramePose pose = {frame.index, frame.time_ns, frame.state, mapping::PoseOfFrame(poses.keyframes, frame), {}};
     if (pose.map_from_camera) {
-      const auto part = part_of.find(history.keyframes[static_cast<std::size_t>(frame.keyframe)].segment);
-      pose.part = part == part_of.end() ? -1 : part->second;
+      const auto found = component_of.find(history.keyframes[static_cast<std::size_t>(frame.keyframe)].segment);
+      if (found != component_of.end()) pose.component = found->second;
     }
     poses.frames.push_back(std::move(pose));
   }

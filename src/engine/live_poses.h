@@ -21,16 +21,13 @@ struct FramePose {
   TimeNs time_ns = 0;
   direct::TrackingState state = direct::TrackingState::kInitializing;
   std::optional<SE3> map_from_camera;
-  // Of the parts of the map that nothing links to each other (map/linked_parts.h), the one in which the pose is right;
-  // 0 is the largest. -1 without a pose.
-  int part = -1;
+  ComponentId component;  // in whose frame the pose is; none without a pose
 };
 
 // Frames against the keyframes that they hang on, both in temporal order.
 struct PosesInMap {
   std::vector<FramePose> frames;
   std::vector<mapping::TrajectoryKeyframe> keyframes;
-  std::vector<std::vector<KeyframeId>> parts;  // of the map that the poses are in, as LinkedParts::parts()
 };
 
 class LivePoses {

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "engine/session_record.h"
 #include "map/edit.h"
 
 namespace cairn::engine {
@@ -15,61 +16,78 @@ void Remember(const LoopRunner::Span& span, std::deque<LoopRunner::Span>* spans)
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<LoopRunner>> LoopRunner::Create(const mapping::LoopOptions& options,
-                                                               bool in_background) {
-  CAIRN_ASSIGN_OR_RETURN(mapping::LoopCloser closer, mapping::LoopCloser::Create(options));
-  return std::unique_ptr<LoopRunner>(new LoopRunner(std::move(closer), in_background));
+absl::StatusOr<std::unique_ptr<LoopRunner>> LoopRunner::Create(const LoopRunnerOptions& options) {
+  CAIRN_ASSIGN_OR_RETURN(mapping::LoopCloser closer, mapping::LoopCloser::Create(options.loops));
+  CAIRN_ASSIGN_OR_RETURN(mapping::ComponentJoiner joiner, mapping::ComponentJoiner::Create(options.joins));
+  return std::unique_ptr<LoopRunner>(new LoopRunner(options, std::move(closer), std::move(joiner)));
 }
 
 LoopRunner::~LoopRunner() {
   stop_ = true;
-  Join();
+  WaitForThread();
 }
 
-void LoopRunner::Join() {
+void LoopRunner::WaitForThread() {
   if (thread_.joinable()) thread_.join();
 }
 
-absl::Status LoopRunner::AfterPacket(const mapping::KeyframeReport& packet, mapping::FeatureMapper* mapper) {
-  CAIRN_RETURN_IF_ERROR(MergeIfDone(mapper));
-  if (!packet.inserted || mapper->places() == nullptr) return absl::OkStatus();
-  const auto commit = [mapper](map::Delta delta, const mapping::KeyframeScales& scales) {
-    return mapper->CommitCorrection(std::move(delta), scales);
-  };
-  const auto begin = std::chrono::steady_clock::now();
-  CAIRN_ASSIGN_OR_RETURN(mapping::LoopReport report,
-                         closer_.Process(mapper->map(), *mapper->places(), packet.keyframe, commit));
-  search_ms_.Add(static_cast<float>(report.detect_ms + report.verify_ms));
-  if (report.candidates > 0 && !report.closed) ++rejected_[report.evidence.rejected];
-  if (!report.closed) return absl::OkStatus();
-  const std::chrono::duration<double, std::milli> searched(report.detect_ms + report.verify_ms);
-  Remember({begin + std::chrono::duration_cast<std::chrono::steady_clock::duration>(searched),
-            std::chrono::steady_clock::now()},
-           &corrections_);
-  loops_.push_back(std::move(report));
-  return StartAdjustment(mapper);
+absl::Status LoopRunner::AfterPacket(const mapping::KeyframeReport& packet, mapping::MapHead& head) {
+  CAIRN_RETURN_IF_ERROR(MergeIfDone(head));
+  if (!packet.inserted || head.View()->places() == nullptr) return absl::OkStatus();
+  CAIRN_ASSIGN_OR_RETURN(bool corrected, Join(packet.keyframe, head));
+  if (!corrected && options_.close_loops) {
+    CAIRN_ASSIGN_OR_RETURN(corrected, CloseLoop(packet.keyframe, head));
+  }
+  return corrected ? StartAdjustment(packet.keyframe, head) : absl::OkStatus();
 }
 
-absl::Status LoopRunner::StartAdjustment(mapping::FeatureMapper* mapper) {
-  // One that is under way is about the map before this loop.
+absl::StatusOr<bool> LoopRunner::Join(KeyframeId keyframe, mapping::MapHead& head) {
+  const auto begin = Clock::now();
+  CAIRN_ASSIGN_OR_RETURN(mapping::JoinReport report,
+                         joiner_.Process(keyframe, options_.record_wall_clock ? UnixNowNs() : 0, head));
+  if (report.searched) search_ms_.Add(static_cast<float>(report.search_ms + report.verify_ms));
+  if (report.seen && !report.joined) ++joins_rejected_[report.rejected];
+  if (!report.joined) return false;
+  Remember({begin, Clock::now()}, &corrections_);
+  joins_.push_back(std::move(report));
+  return true;
+}
+
+absl::StatusOr<bool> LoopRunner::CloseLoop(KeyframeId keyframe, mapping::MapHead& head) {
+  const auto begin = Clock::now();
+  CAIRN_ASSIGN_OR_RETURN(mapping::LoopReport report, closer_.Process(keyframe, head));
+  search_ms_.Add(static_cast<float>(report.detect_ms + report.verify_ms));
+  if (report.candidates > 0 && !report.closed) ++rejected_[report.evidence.rejected];
+  if (!report.closed) return false;
+  const std::chrono::duration<double, std::milli> searched(report.detect_ms + report.verify_ms);
+  Remember({begin + std::chrono::duration_cast<Clock::duration>(searched), Clock::now()}, &corrections_);
+  loops_.push_back(std::move(report));
+  return true;
+}
+
+absl::Status LoopRunner::StartAdjustment(KeyframeId keyframe, mapping::MapHead& head) {
+  // One that is under way is about the map before this loop or join.
   stop_ = true;
-  if (thread_.joinable()) adjustments_.back().end = std::chrono::steady_clock::now();
-  Join();
-  stop_ = false;
+  if (thread_.joinable()) adjustments_.back().end = Clock::now();
+  WaitForThread();
+  stop_ = stale_ = false;
   done_ = false;
   adjustment_.reset();
-  Remember({std::chrono::steady_clock::now(), std::chrono::steady_clock::time_point::max()}, &adjustments_);
-  if (in_background_) {
+  Remember({Clock::now(), Clock::time_point::max()}, &adjustments_);
+  const std::shared_ptr<const map::Snapshot> map = head.View()->snapshot();
+  const ComponentId component = map->keyframe(keyframe).component;
+  session_ = map->keyframe(keyframe).session;
+  if (options_.in_background) {
     absl::StatusOr<std::thread> thread = StartThread(
-        "adjustment of the map", [this, map = mapper->map()] { Compute(map); },
+        "adjustment of the map", [this, map, component] { Compute(map, component); },
         [this](const absl::Status& status) { Done(status); });
     if (thread.ok()) {
       thread_ = *std::move(thread);
       return absl::OkStatus();
     }
   }
-  Compute(mapper->map());
-  return MergeIfDone(mapper);
+  Compute(map, component);
+  return MergeIfDone(head);
 }
 
 void LoopRunner::Done(absl::StatusOr<mapping::FullAdjustment> adjustment) {
@@ -77,31 +95,33 @@ void LoopRunner::Done(absl::StatusOr<mapping::FullAdjustment> adjustment) {
   done_ = true;
 }
 
-void LoopRunner::Compute(std::shared_ptr<const map::Snapshot> map) {
+void LoopRunner::Compute(std::shared_ptr<const map::Snapshot> map, ComponentId component) {
   mapping::FullAdjustmentOptions options;
+  options.session = session_;
   options.stop = &stop_;
-  Done(Guarded([&] { return mapping::ComputeFullAdjustment(*map, options); }));
+  Done(Guarded([&] { return mapping::ComputeFullAdjustment(*map, component, options); }));
 }
 
-absl::Status LoopRunner::MergeIfDone(mapping::FeatureMapper* mapper) {
+absl::Status LoopRunner::MergeIfDone(mapping::MapHead& head) {
   if (!done_) return absl::OkStatus();
-  Join();
+  WaitForThread();
   done_ = false;
   const absl::StatusOr<mapping::FullAdjustment> adjustment = *std::exchange(adjustment_, std::nullopt);
   // A map that could not be adjusted is as good as before.
   absl::Status merged;
-  if (adjustment.ok() && !adjustment->interrupted) {
-    map::Edit edit(mapper->map());
+  if (adjustment.ok() && !adjustment->interrupted && !stale_) {
+    map::Edit edit(head.View()->snapshot());
     mapping::MergeFullAdjustment(*adjustment, edit);
-    merged = mapper->CommitCorrection(edit.Finish("full bundle adjustment"), {}).status();
+    edit.SetSession(session_);
+    merged = head.Commit(edit.Finish("full bundle adjustment"), {});
   }
-  adjustments_.back().end = std::chrono::steady_clock::now();
+  adjustments_.back().end = Clock::now();
   return merged;
 }
 
-absl::Status LoopRunner::Finish(mapping::FeatureMapper* mapper) {
-  Join();
-  return MergeIfDone(mapper);
+absl::Status LoopRunner::Finish(mapping::MapHead& head) {
+  WaitForThread();
+  return MergeIfDone(head);
 }
 
 }  // namespace cairn::engine

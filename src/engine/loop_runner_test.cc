@@ -19,20 +19,19 @@ using mapping::testing::Ring;
 class RingMapper {
  public:
   explicit RingMapper(bool in_background) {
-    const auto commit = [this](map::Delta delta) {
-      reasons_.push_back(delta.reason);
-      return ring_.Commit(delta);
-    };
-    mapper_ = *FeatureMapper::Create({}, ring_.map(), SessionId(1), CameraId(1), &ring_.vocabulary(), commit);
-    ring_.CommitThrough([this](map::Delta delta) { return mapper_->CommitCorrection(std::move(delta), {}); });
-    runner_ = *LoopRunner::Create({}, in_background);
+    mapper_ = *FeatureMapper::Create({}, &ring_.head(), SessionId(1), CameraId(1));
+    ring_.head().mappers.push_back(mapper_.get());
+    LoopRunnerOptions options;
+    options.in_background = in_background;
+    options.record_wall_clock = false;
+    runner_ = *LoopRunner::Create(options);
   }
 
   void AddKeyframe() {
     mapping::KeyframeReport packet;
     packet.inserted = true;
     packet.keyframe = ring_.AddKeyframe();
-    const absl::Status status = runner_->AfterPacket(packet, mapper_.get());
+    const absl::Status status = runner_->AfterPacket(packet, ring_.head());
     EXPECT_TRUE(status.ok()) << status;
   }
 
@@ -46,7 +45,6 @@ class RingMapper {
   }
 
   Ring ring_;
-  std::vector<std::string> reasons_;
   std::unique_ptr<FeatureMapper> mapper_;
   std::unique_ptr<LoopRunner> runner_;
   double error_before_ = 0.0;
@@ -61,8 +59,8 @@ TEST(LoopRunner, AdjustsBesideTheMappingAndMergesWhatCameMeanwhile) {
   const mapping::LoopReport& loop = run.runner_->loops().front();
   run.ring_.GoOn(loop.current, loop.correction.scales.at(loop.current));
   for (int i = 0; i < 3; ++i) run.AddKeyframe();
-  ASSERT_TRUE(run.runner_->Finish(run.mapper_.get()).ok());
-  EXPECT_EQ(std::count(run.reasons_.begin(), run.reasons_.end(), "full bundle adjustment"), 1);
+  ASSERT_TRUE(run.runner_->Finish(run.ring_.head()).ok());
+  EXPECT_EQ(std::count(run.ring_.head().reasons.begin(), run.ring_.head().reasons.end(), "full bundle adjustment"), 1);
   EXPECT_LT(run.ring_.Error(), closed);
   EXPECT_TRUE(run.ring_.map()->CheckConsistency().ok()) << run.ring_.map()->CheckConsistency();
   EXPECT_EQ(run.mapper_->map()->revision(), run.ring_.map()->revision());
@@ -73,7 +71,7 @@ TEST(LoopRunner, AdjustsBesideTheMappingAndMergesWhatCameMeanwhile) {
 TEST(LoopRunner, WithoutAThreadEverythingIsDoneAtOnce) {
   RingMapper first(/*in_background=*/false), second(/*in_background=*/false);
   ASSERT_TRUE(first.GoRound());
-  EXPECT_EQ(first.reasons_.back(), "full bundle adjustment");
+  EXPECT_EQ(first.ring_.head().reasons.back(), "full bundle adjustment");
   ASSERT_TRUE(second.GoRound());
   EXPECT_EQ(first.ring_.Error(), second.ring_.Error());
 }
@@ -90,12 +88,12 @@ TEST(LoopRunner, DoesNothingForWhatWasNotInserted) {
   RingMapper run(/*in_background=*/false);
   run.AddKeyframe();
   const Revision revision = run.ring_.map()->revision();
-  EXPECT_TRUE(run.runner_->AfterPacket({}, run.mapper_.get()).ok());
-  EXPECT_TRUE(run.runner_->Finish(run.mapper_.get()).ok());
+  EXPECT_TRUE(run.runner_->AfterPacket({}, run.ring_.head()).ok());
+  EXPECT_TRUE(run.runner_->Finish(run.ring_.head()).ok());
   EXPECT_EQ(run.ring_.map()->revision(), revision);
-  mapping::LoopOptions bad;
-  bad.min_cells = 0;
-  EXPECT_TRUE(absl::IsInvalidArgument(LoopRunner::Create(bad, true).status()));
+  LoopRunnerOptions bad;
+  bad.loops.min_cells = 0;
+  EXPECT_TRUE(absl::IsInvalidArgument(LoopRunner::Create(bad).status()));
 }
 
 }  // namespace

@@ -4,17 +4,15 @@ namespace cairn::engine {
 
 absl::StatusOr<std::unique_ptr<PosedSession>> PosedSession::Create(const mapping::PosedMapperOptions& options,
                                                                    bool deterministic, const SessionSource& source,
-                                                                   const place::Vocabulary* vocabulary,
-                                                                   MapWriter* writer) {
+                                                                   LiveMap* map) {
   CAIRN_RETURN_IF_ERROR(source.camera.Validate());
   CAIRN_ASSIGN_OR_RETURN(image::Undistorter undistorter, image::Undistorter::Create(source.camera));
-  std::unique_ptr<PosedSession> session(new PosedSession(std::move(undistorter), deterministic, writer));
+  std::unique_ptr<PosedSession> session(new PosedSession(std::move(undistorter), deterministic, map));
+  const SessionHead::Turn turn(&session->head_);
   CAIRN_ASSIGN_OR_RETURN(session->session_,
-                         BeginSession(source, session->undistorter_.pinhole(), !deterministic, writer));
-  const auto commit = [writer](map::Delta delta) { return writer->Commit(delta); };
-  CAIRN_ASSIGN_OR_RETURN(session->mapper_,
-                         mapping::PosedMapper::Create(options, writer->Current(), session->session_.id,
-                                                      session->session_.camera, vocabulary, commit));
+                         BeginSession(source, session->undistorter_.pinhole(), !deterministic, session->head_));
+  CAIRN_ASSIGN_OR_RETURN(session->mapper_, mapping::PosedMapper::Create(options, &session->head_, session->session_.id,
+                                                                        session->session_.camera));
   return session;
 }
 
@@ -30,8 +28,11 @@ absl::Status PosedSession::AddFrame(const RawFrame& frame, const SE3& world_from
 }
 
 absl::StatusOr<mapping::PosedMapperReport> PosedSession::Finish() {
+  const SessionHead::Turn turn(&head_);
   CAIRN_ASSIGN_OR_RETURN(mapping::PosedMapperReport report, mapper_->Finish());
-  CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !deterministic_, std::nullopt, writer_));
+  const auto& touched = head_.View()->map().sessions().at(session_.id).components;
+  if (!touched.empty()) component_ = touched.back();
+  CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !deterministic_, std::nullopt, head_));
   return report;
 }
 

@@ -1,38 +1,27 @@
 #include "engine/session.h"
 
 #include <algorithm>
-#include <atomic>
 #include <mutex>
-#include <thread>
+#include <optional>
 #include <unordered_map>
 #include <utility>
 #include <variant>
 
-#include "base/bounded_queue.h"
+#include "engine/lost_search.h"
 #include "engine/loop_runner.h"
+#include "engine/mapping_thread.h"
 #include "engine/odometry_runner.h"
+#include "engine/session_head.h"
+#include "engine/session_statistics.h"
 #include "mapping/packet_queue.h"
 
 namespace cairn::engine {
-namespace {
-
-// Searches for a lost camera come this share of the time since the loss apart.
-constexpr double kSeekEvery = 0.1;
-
-SampleReservoir LengthsMs(const std::deque<LoopRunner::Span>& spans) {
-  SampleReservoir ms;
-  for (const LoopRunner::Span& span : spans) {
-    ms.Add(std::chrono::duration<float, std::milli>(span.end - span.begin).count());
-  }
-  return ms;
-}
-
-}  // namespace
 
 absl::Status SessionOptions::Validate() const {
   CAIRN_RETURN_IF_ERROR(odometry.Validate());
   CAIRN_RETURN_IF_ERROR(mapping.Validate());
   CAIRN_RETURN_IF_ERROR(loops.Validate());
+  CAIRN_RETURN_IF_ERROR(joins.Validate());
   CAIRN_RETURN_IF_ERROR(collinearity.Validate());
   if (threads < 1) return absl::InvalidArgumentError("threads must be at least 1");
   if (packet_queue_limit < 1) return absl::InvalidArgumentError("packet_queue_limit must be at least 1");
@@ -41,35 +30,42 @@ absl::Status SessionOptions::Validate() const {
   return absl::OkStatus();
 }
 
-class Session::Impl {
+class Session::Impl : public LiveMap::Listener {
  public:
-  Impl(const SessionOptions& options, FramePreparation preparation, MapWriter* writer)
+  Impl(const SessionOptions& options, FramePreparation preparation, LiveMap* live)
       : options_(options),
         preparation_(std::move(preparation)),
-        writer_(writer),
+        live_(live),
+        head_(live),
         packets_(options.packet_queue_limit),
+        search_(options.seek_after_frames),
         collinearity_(options.collinearity),
-        backlog_(static_cast<std::size_t>(options.mapping_backlog)) {}
+        jobs_(static_cast<std::size_t>(options.mapping_backlog), [this](const MappingJob& job) { return Do(job); }) {}
 
-  ~Impl() {
-    SetMappingStatus(absl::CancelledError("the session was abandoned"));  // what is queued is not mapped any more
-    StopThread();                                                         // first: it may have a word for the odometry
+  ~Impl() override {
+    jobs_.Abandon();  // first: it may have a word for the odometry
     runner_.reset();
+    LiveMap::Editor editor = live_->BeginEdit();
+    editor.RemoveListener(this);
   }
 
-  absl::Status Start(const SessionSource& source, const place::Vocabulary* vocabulary) {
-    CAIRN_ASSIGN_OR_RETURN(session_, BeginSession(source, preparation_.pinhole(), !options_.deterministic, writer_));
-    if (options_.UsedThreads() > 1) writer_->StoreInBackground();
-    const auto commit = [this](map::Delta delta) {
-      if (options_.on_change) options_.on_change(delta);
-      return writer_->Commit(std::move(delta));
-    };
-    CAIRN_ASSIGN_OR_RETURN(mapper_, mapping::FeatureMapper::Create(options_.mapping, writer_->Current(), session_.id,
-                                                                   session_.camera, vocabulary, commit));
-    if (options_.close_loops) {
-      CAIRN_ASSIGN_OR_RETURN(loops_, LoopRunner::Create(options_.loops, options_.UsedThreads() > 1));
+  absl::Status Start(const SessionSource& source) {
+    if (options_.UsedThreads() > 1) CAIRN_RETURN_IF_ERROR(live_->StoreInBackground());
+    {
+      const SessionHead::Turn turn(&head_);
+      CAIRN_ASSIGN_OR_RETURN(session_, BeginSession(source, preparation_.pinhole(), !options_.deterministic, head_));
+      CAIRN_ASSIGN_OR_RETURN(mapper_, mapping::FeatureMapper::Create(options_.mapping, &head_, session_.id,
+                                                                     session_.camera));
+      LoopRunnerOptions loops;
+      loops.loops = options_.loops;
+      loops.joins = options_.joins;
+      loops.close_loops = options_.close_loops;
+      loops.in_background = options_.UsedThreads() > 1;
+      loops.record_wall_clock = !options_.deterministic;
+      CAIRN_ASSIGN_OR_RETURN(loops_, LoopRunner::Create(loops));
+      head_.editor().AddListener(this);
     }
-    if (options_.UsedThreads() > 1) thread_ = std::thread([this] { MapPackets(); });
+    if (options_.UsedThreads() > 1) CAIRN_RETURN_IF_ERROR(jobs_.Start());
     OdometryRunnerOptions runner;
     runner.odometry = options_.odometry;
     runner.in_background = options_.UsedThreads() > 2;
@@ -79,47 +75,65 @@ class Session::Impl {
   }
 
   absl::StatusOr<direct::FrameResult> AddFrame(const direct::Frame& frame) {
-    CAIRN_RETURN_IF_ERROR(MappingStatus());
+    CAIRN_RETURN_IF_ERROR(jobs_.status());
     CAIRN_ASSIGN_OR_RETURN(direct::FrameResult result, runner_->AddFrame(frame));
     last_time_ns_ = frame.time_ns;
     if (result.keyframe >= 0) {
-      untracked_ = 0;
-    } else {
-      CAIRN_RETURN_IF_ERROR(SeekIfLost(frame));
+      search_.Tracked();
+    } else if (search_.Untracked(frame.time_ns)) {
+      CAIRN_RETURN_IF_ERROR(Seek(frame));
     }
     return result;
   }
 
   const FramePreparation& preparation() const { return preparation_; }
 
-  std::int64_t KeyframesInMap() const { return static_cast<std::int64_t>(writer_->Current()->keyframes().size()); }
+  std::int64_t KeyframesInMap() const {
+    return static_cast<std::int64_t>(live_->Published()->map().keyframes().size());
+  }
 
-  std::vector<FramePose> FramePoses() const { return live_.All(runner_->odometry()).frames; }
-  std::optional<SE3> PoseInMap(const direct::FrameResult& frame) const { return live_.Of(frame); }
+  Whereabouts Where() const {
+    const std::lock_guard lock(where_mutex_);
+    return where_;
+  }
+  std::vector<FramePose> FramePoses() const { return poses_.All(runner_->odometry()).frames; }
+  std::optional<SE3> PoseInMap(const direct::FrameResult& frame) const { return poses_.Of(frame); }
 
   absl::StatusOr<SessionReport> Finish() {
     CAIRN_RETURN_IF_ERROR(runner_->Finish());
     packets_.Flush();
     CAIRN_RETURN_IF_ERROR(PassOn());
-    StopThread();
-    CAIRN_RETURN_IF_ERROR(MappingStatus());
-    if (!writer_->file_exists()) {
+    jobs_.Stop();
+    CAIRN_RETURN_IF_ERROR(jobs_.status());
+    const SessionHead::Turn turn(&head_);
+    if (!mapper_->component()) {
       const std::string& waited = runner_->waiting_for();
       return absl::FailedPreconditionError(
-          absl::StrCat("no map was made: ", waited.empty() ? "there was no keyframe to map" : waited));
+          absl::StrCat(session_.policy == map::SessionPolicy::kCreate ? "no map was made: " : "nothing was added to the map: ",
+                       waited.empty() ? "there was no keyframe to map" : waited));
     }
-    if (loops_) CAIRN_RETURN_IF_ERROR(loops_->Finish(mapper_.get()));
+    CAIRN_RETURN_IF_ERROR(loops_->Finish(head_));
     mapper_->ReviseDirectPoses(DirectPoses());
     CAIRN_RETURN_IF_ERROR(mapper_->Finish());
     const mapping::TrajectoryChoice choice = ChooseTrajectory();
     trajectory_ = {choice.refined, choice.keyframes, choice.collinear, choice.reason};
-    live_.Publish(mapper_->map(), mapper_->trajectory(), trajectory_.refined);
-    CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, trajectory_, writer_));
-    CAIRN_RETURN_IF_ERROR(writer_->Flush());
+    poses_.Publish(mapper_->map(), mapper_->trajectory(), trajectory_.refined);
+    CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, trajectory_, head_));
+    CAIRN_RETURN_IF_ERROR(live_->Flush());
     return Report();
   }
 
+  // In the thread of whoever changes the map, while it has the head.
+  void OnChange(const tracking::MapView& before, const map::Delta& delta,
+                const std::shared_ptr<const tracking::MapView>& after,
+                const mapping::KeyframeScales& scales) override {
+    mapper_->OnChange(before, delta, after, scales);
+    if (!scales.empty()) loops_->OnCorrection();
+  }
+
  private:
+  using MappingJob = std::variant<direct::KeyframePacket, direct::Frame>;  // map this, or look for this lost one
+
   // Gives the feature module every keyframe whose turn has come. In the thread that maps for the odometry.
   absl::Status HandOver(direct::Odometry& odometry) {
     for (direct::KeyframePacket& packet : odometry.TakePackets()) {
@@ -141,72 +155,69 @@ class Session::Impl {
   // Waits while the feature module is too far behind.
   absl::Status PassOn() {
     while (std::optional<direct::KeyframePacket> packet = packets_.Pop()) {
-      if (!thread_.joinable()) {
-        CAIRN_RETURN_IF_ERROR(Map(*packet));
-      } else if (!backlog_.Push(std::move(*packet))) {
-        return absl::CancelledError("the session is ending");
-      }
+      CAIRN_RETURN_IF_ERROR(jobs_.Push(*std::move(packet)));
     }
     return absl::OkStatus();
   }
 
-  // A frame without a pose: once in a while the feature module is asked where it is. Never waits for it.
-  absl::Status SeekIfLost(const direct::Frame& frame) {
-    if (untracked_++ == 0) lost_since_ns_ = next_seek_ns_ = frame.time_ns;
-    if (options_.seek_after_frames == 0 || untracked_ < options_.seek_after_frames) return absl::OkStatus();
-    if (frame.time_ns < next_seek_ns_ || KeyframesInMap() == 0 || seeking_.exchange(true)) return absl::OkStatus();
-    next_seek_ns_ = frame.time_ns + FromSeconds(kSeekEvery * ToSeconds(frame.time_ns - lost_since_ns_));
-    if (!thread_.joinable()) return Map(frame);
-    if (!backlog_.TryPush(frame)) seeking_ = false;
+  // The feature module is asked where the frame is. Never waits for it.
+  absl::Status Seek(const direct::Frame& frame) {
+    if (KeyframesInMap() == 0) {
+      search_.Answered();
+      return absl::OkStatus();
+    }
+    if (!jobs_.in_background()) return jobs_.Push(frame);
+    if (!jobs_.TryPush(frame)) search_.Answered();
     return absl::OkStatus();
+  }
+
+  absl::Status Do(const MappingJob& job) {
+    const SessionHead::Turn turn(&head_);
+    return std::visit([this](const auto& what) { return Map(what); }, job);
   }
 
   // What the feature module has to say of a lost frame goes to the odometry as a message.
   absl::Status Map(const direct::Frame& lost) {
-    const auto view = mapper_->Locate(lost);
-    seeking_ = false;
-    CAIRN_RETURN_IF_ERROR(view.status());
-    if (!*view) return absl::OkStatus();
-    runner_->GoOnFrom(**view).IgnoreError();  // too few points, or the stream has ended: as good as not found
+    const auto found = mapper_->Locate(lost);
+    search_.Answered();
+    CAIRN_RETURN_IF_ERROR(found.status());
+    if (!*found) return absl::OkStatus();
+    NoteSeen(lost.time_ns, (*found)->component);
+    runner_->GoOnFrom((*found)->view).IgnoreError();  // too few points, or the stream has ended: as good as not found
     return absl::OkStatus();
   }
 
   // A keyframe, and the frames kept between it and the next.
   absl::Status Map(const direct::KeyframePacket& packet) {
     CAIRN_ASSIGN_OR_RETURN(const mapping::KeyframeReport report, mapper_->Process(packet));
-    keyframe_ms_.Add(static_cast<float>(report.times.total_ms));
-    keyframe_reports_.push_back(report);
-    const bool lost = report.state == mapping::FeatureState::kLost;
-    if (lost && !feature_lost_) ++feature_losses_;
-    feature_lost_ = lost;
+    statistics_.Add(report);
     if (report.inserted) collinearity_.Update(*mapper_->map(), report.keyframe);
-    if (loops_) CAIRN_RETURN_IF_ERROR(loops_->AfterPacket(report, mapper_.get()));
+    const std::size_t joins = loops_->joins().size();
+    CAIRN_RETURN_IF_ERROR(loops_->AfterPacket(report, head_));
+    if (loops_->joins().size() > joins) NoteJoin(report.time_ns, loops_->joins().back());
     const bool refined = ChooseTrajectory().refined;
-    live_.Publish(mapper_->map(), mapper_->trajectory(), refined);
+    poses_.Publish(mapper_->map(), mapper_->trajectory(), refined);
+    const std::lock_guard lock(where_mutex_);
+    where_.component = mapper_->component();
     return absl::OkStatus();
   }
 
-  // The feature module's thread. After an error it drains the queue, so that the odometry is never stuck.
-  void MapPackets() {
-    while (std::optional<MappingJob> job = backlog_.Pop()) {
-      if (!MappingStatus().ok()) continue;
-      SetMappingStatus(std::visit([this](const auto& what) { return Map(what); }, *job));
-    }
+  // An image of this session was found in a component that others have made.
+  void NoteSeen(TimeNs time_ns, ComponentId component) {
+    const std::lock_guard lock(where_mutex_);
+    if (where_.located || mapper_->map()->component(component).session == session_.id) return;
+    where_.located = LocatedAt{time_ns, component};
   }
 
-  absl::Status MappingStatus() {
-    std::lock_guard lock(status_mutex_);
-    return mapping_status_;
-  }
-  // The first error stays.
-  void SetMappingStatus(const absl::Status& status) {
-    std::lock_guard lock(status_mutex_);
-    mapping_status_.Update(status);
-  }
-
-  void StopThread() {
-    backlog_.Close();
-    if (thread_.joinable()) thread_.join();
+  void NoteJoin(TimeNs time_ns, const mapping::JoinReport& join) {
+    join_times_ns_.push_back(time_ns);
+    const ComponentId other = join.into == mapper_->component() ? join.seen_in : join.into;
+    const bool others = mapper_->map()->component(join.into).session != session_.id ||
+                        mapper_->map()->component(join.component).session != session_.id;
+    if (!others) return;
+    NoteSeen(time_ns, other);
+    const std::lock_guard lock(where_mutex_);
+    where_.joined = true;
   }
 
   // Packets of keyframes that were still active have poses that changed afterwards; the frames hang on the last ones.
@@ -219,107 +230,69 @@ class Session::Impl {
   }
 
   mapping::TrajectoryChoice ChooseTrajectory() const {
-    return collinearity_.Choose(loops_ && !loops_->loops().empty(), mapper_->lens() && mapper_->lens()->applied);
+    return collinearity_.Choose(!loops_->loops().empty() || !loops_->joins().empty(),
+                                mapper_->lens() && mapper_->lens()->applied);
   }
 
   SessionReport Report() const {
-    const std::shared_ptr<const map::Snapshot> map = writer_->Current();
+    const map::Snapshot& map = live_->Published()->map();
     SessionReport report;
+    report.session = session_.id;
     report.odometry = runner_->odometry().Statistics();
     report.lens = mapper_->lens();
     report.trajectory = trajectory_;
-    PosesInMap poses = live_.All(runner_->odometry());
+    PosesInMap poses = poses_.All(runner_->odometry());
     report.keyframe_poses = std::move(poses.keyframes);
     report.frame_poses = std::move(poses.frames);
     for (const FramePose& frame : report.frame_poses) report.frames_tracked += frame.map_from_camera ? 1 : 0;
-    report.parts = Parts(poses.parts, report.frame_poses);
+    report.components = SharesOf(map, report.frame_poses);
+    report.component = mapper_->component();
+    report.result = map.sessions().at(session_.id).result;
+    const Whereabouts where = Where();
+    if (where.joined) report.located = where.located;
+    report.join_times_ns = join_times_ns_;
     report.frames = static_cast<std::int64_t>(report.frame_poses.size());
     report.direct_keyframes = static_cast<std::int64_t>(report.keyframe_poses.size());
-    report.keyframes = static_cast<std::int64_t>(map->keyframes().size());
-    report.points = static_cast<std::int64_t>(map->points().size());
-    report.feature_losses = feature_losses_;
-    if (loops_) {
-      report.loops = loops_->loops();
-      report.loops_rejected = loops_->rejected();
-      report.loop_search_ms = loops_->search_ms();
-      report.correction_ms = LengthsMs(loops_->corrections());
-      report.adjustment_ms = LengthsMs(loops_->adjustments());
-      report.frame_ms_correcting = FramesWhileCorrecting();
-    }
-    report.frame_ms = runner_->frame_ms();
-    report.keyframe_ms = keyframe_ms_;
-    report.keyframe_reports = keyframe_reports_;
+    report.keyframes = static_cast<std::int64_t>(map.keyframes().size());
+    report.points = static_cast<std::int64_t>(map.points().size());
+    statistics_.Fill(*loops_, *runner_, &report);
     return report;
   }
 
-  static std::vector<MapPart> Parts(const std::vector<std::vector<KeyframeId>>& linked,
-                                    const std::vector<FramePose>& frames) {
-    std::vector<MapPart> parts;
-    for (const auto& keyframes : linked) parts.push_back({static_cast<std::int64_t>(keyframes.size())});
-    for (const FramePose& frame : frames) {
-      if (frame.part < 0) continue;
-      MapPart& part = parts[static_cast<std::size_t>(frame.part)];
-      if (part.frames++ == 0) part.first_ns = frame.time_ns;
-      part.last_ns = frame.time_ns;
-    }
-    return parts;
-  }
-
-  SampleReservoir FramesWhileCorrecting() const {
-    SampleReservoir during;
-    for (const OdometryRunner::TimedFrame& frame : runner_->recent_frames()) {
-      const std::chrono::duration<double, std::milli> lasted(frame.ms);
-      const auto overlaps = [&](const LoopRunner::Span& span) {
-        return frame.begin < span.end && frame.begin + lasted > span.begin;
-      };
-      if (std::any_of(loops_->corrections().begin(), loops_->corrections().end(), overlaps) ||
-          std::any_of(loops_->adjustments().begin(), loops_->adjustments().end(), overlaps)) {
-        during.Add(frame.ms);
-      }
-    }
-    return during;
-  }
-
-  using MappingJob = std::variant<direct::KeyframePacket, direct::Frame>;  // map this, or look for this lost one
-
   const SessionOptions options_;
   const FramePreparation preparation_;
-  MapWriter* const writer_;
+  LiveMap* const live_;
+  SessionHead head_;
   map::Session session_;
   std::unique_ptr<OdometryRunner> runner_;
   mapping::PacketQueue packets_;  // of the thread that maps for the odometry
   TimeNs last_time_ns_ = 0;
-  int untracked_ = 0;  // frames since the last with a pose
-  TimeNs lost_since_ns_ = 0;
-  TimeNs next_seek_ns_ = 0;
-  std::atomic<bool> seeking_ = false;  // a lost frame is with the feature module
-  LivePoses live_;
+  LostSearch search_;
+  LivePoses poses_;
 
-  // Used by the feature module's thread while it runs.
+  // Used while this session has the head.
   std::unique_ptr<mapping::FeatureMapper> mapper_;
-  std::unique_ptr<LoopRunner> loops_;  // null: loops are not closed
+  std::unique_ptr<LoopRunner> loops_;
   mapping::CollinearityCounter collinearity_;
   map::ReportedTrajectory trajectory_;  // at the end
-  SampleReservoir keyframe_ms_;
-  std::vector<mapping::KeyframeReport> keyframe_reports_;
-  std::int64_t feature_losses_ = 0;
-  bool feature_lost_ = false;
+  SessionStatistics statistics_;
+  std::vector<TimeNs> join_times_ns_;
 
-  BoundedQueue<MappingJob> backlog_;
-  std::mutex status_mutex_;
-  absl::Status mapping_status_;
-  std::thread thread_;
+  mutable std::mutex where_mutex_;
+  Whereabouts where_;
+
+  MappingThread<MappingJob> jobs_;
 };
 
 Session::Session(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Session::~Session() = default;
 
 absl::StatusOr<std::unique_ptr<Session>> Session::Create(const SessionOptions& options, const SessionSource& source,
-                                                         const place::Vocabulary* vocabulary, MapWriter* writer) {
+                                                         LiveMap* map) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   CAIRN_ASSIGN_OR_RETURN(FramePreparation preparation, FramePreparation::Create(source));
-  auto impl = std::make_unique<Impl>(options, std::move(preparation), writer);
-  CAIRN_RETURN_IF_ERROR(impl->Start(source, vocabulary));
+  auto impl = std::make_unique<Impl>(options, std::move(preparation), map);
+  CAIRN_RETURN_IF_ERROR(impl->Start(source));
   return std::unique_ptr<Session>(new Session(std::move(impl)));
 }
 
@@ -330,6 +303,7 @@ absl::StatusOr<direct::FrameResult> Session::AddFrame(const RawFrame& raw) {
 absl::StatusOr<direct::FrameResult> Session::AddFrame(const direct::Frame& frame) { return impl_->AddFrame(frame); }
 const FramePreparation& Session::preparation() const { return impl_->preparation(); }
 std::int64_t Session::KeyframesInMap() const { return impl_->KeyframesInMap(); }
+Session::Whereabouts Session::Where() const { return impl_->Where(); }
 std::vector<FramePose> Session::FramePoses() const { return impl_->FramePoses(); }
 std::optional<SE3> Session::PoseInMap(const direct::FrameResult& frame) const { return impl_->PoseInMap(frame); }
 absl::StatusOr<SessionReport> Session::Finish() { return impl_->Finish(); }

@@ -72,8 +72,8 @@ struct Outcome {
 Outcome Play(const SessionOptions& options, int max_frames, const std::string& path) {
   map::MapInfo info = store::testing::TestInfo();
   info.vocabulary_hash = Words().hash();
-  const auto writer = *MapWriter::Create(path, info, {.vocabulary = Words().Serialize()});
-  const auto session = *Session::Create(options, testing::SwaySource(), &Words(), writer.get());
+  const auto live = *LiveMap::Create(path, info, std::make_shared<const place::Vocabulary>(Words()));
+  const auto session = *Session::Create(options, testing::SwaySource(), live.get());
   Outcome outcome;
   const int back = kWay + kBlack;
   for (int i = 0; i < max_frames; ++i) {
@@ -157,8 +157,8 @@ TEST(SessionLivePoses, FollowEveryChangeOfTheMap) {
   const TempFolder folder;
   map::MapInfo info = store::testing::TestInfo();
   info.vocabulary_hash = 0;
-  const auto writer = *MapWriter::Create(folder.File("live.cairn"), info, {});
-  auto session = Session::Create(Options(0), testing::SwaySource(), nullptr, writer.get());
+  const auto live_map = *LiveMap::Create(folder.File("live.cairn"), info, nullptr);
+  auto session = Session::Create(Options(0), testing::SwaySource(), live_map.get());
   ASSERT_TRUE(session.ok()) << session.status();
   std::vector<FramePose> before;
   int compared = 0, moved = 0, live = 0;
@@ -168,7 +168,7 @@ TEST(SessionLivePoses, FollowEveryChangeOfTheMap) {
     ASSERT_TRUE(result.ok());
     const std::vector<FramePose> now = (*session)->FramePoses();
     ASSERT_EQ(now.size(), static_cast<std::size_t>(frame.index + 1));
-    writer->Current()->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+    live_map->Published()->map().keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
       const auto at = static_cast<std::size_t>(keyframe->frame_index);
       ASSERT_TRUE(now[at].map_from_camera) << at;
       EXPECT_LT((*now[at].map_from_camera * keyframe->camera_from_map).Log().norm(), 1e-9) << at;

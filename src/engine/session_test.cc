@@ -6,7 +6,6 @@
 #include <atomic>
 #include <chrono>
 #include <filesystem>
-#include <future>
 #include <thread>
 
 #include "engine/testing_sway.h"
@@ -18,12 +17,12 @@ namespace {
 using store::testing::TempFolder;
 using ::testing::HasSubstr;
 
-std::unique_ptr<MapWriter> MakeWriter(const std::string& path) {
+std::unique_ptr<LiveMap> MakeMap(const std::string& path) {
   map::MapInfo info = store::testing::TestInfo();
   info.vocabulary_hash = 0;
-  auto writer = MapWriter::Create(path, info, {});
-  EXPECT_TRUE(writer.ok()) << writer.status();
-  return *std::move(writer);
+  auto live = LiveMap::Create(path, info, nullptr);
+  EXPECT_TRUE(live.ok()) << live.status();
+  return *std::move(live);
 }
 
 SessionOptions Threads(int threads) {
@@ -34,9 +33,9 @@ SessionOptions Threads(int threads) {
 }
 
 absl::StatusOr<SessionReport> RunAll(const SessionOptions& options, const std::vector<RawFrame>& frames,
-                                     MapWriter* writer) {
+                                     LiveMap* live) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                         Session::Create(options, testing::SwaySource(), nullptr, writer));
+                         Session::Create(options, testing::SwaySource(), live));
   for (const RawFrame& frame : frames) CAIRN_RETURN_IF_ERROR(session->AddFrame(frame).status());
   return session->Finish();
 }
@@ -46,11 +45,11 @@ TEST(Session, DeterministicRunsAreEqualToTheBit) {
   SessionReport reports[2];
   std::shared_ptr<const map::Snapshot> maps[2];
   for (int run = 0; run < 2; ++run) {
-    const auto writer = MakeWriter(folder.File(std::to_string(run)));
-    const auto report = RunAll(Threads(0), testing::Sway(40), writer.get());
+    const auto live = MakeMap(folder.File(std::to_string(run)));
+    const auto report = RunAll(Threads(0), testing::Sway(40), live.get());
     ASSERT_TRUE(report.ok()) << report.status();
     reports[run] = *report;
-    maps[run] = writer->Current();
+    maps[run] = live->Published()->snapshot();
   }
   EXPECT_GE(reports[0].keyframes, 2);
   EXPECT_TRUE(store::testing::SameBits(*maps[0], *maps[1]));
@@ -67,28 +66,28 @@ TEST(Session, DeterministicRunsAreEqualToTheBit) {
 TEST(Session, ThreadedRunsTrackEveryFrameAndMakeTheMap) {
   const TempFolder folder;
   for (const int threads : {2, 3}) {
-    const auto writer = MakeWriter(folder.File(std::to_string(threads)));
-    const auto report = RunAll(Threads(threads), testing::Sway(40), writer.get());
+    const auto live = MakeMap(folder.File(std::to_string(threads)));
+    const auto report = RunAll(Threads(threads), testing::Sway(40), live.get());
     ASSERT_TRUE(report.ok()) << report.status();
     EXPECT_EQ(report->frames_tracked, 40);
     EXPECT_GE(report->keyframes, 2);
     EXPECT_EQ(report->frame_ms.count(), 40);
-    EXPECT_TRUE(writer->Current()->CheckConsistency().ok());
-    ASSERT_TRUE(writer->Close().ok());
-    const auto file = MapWriter::Open(writer->path());
+    EXPECT_TRUE(live->Published()->map().CheckConsistency().ok());
+    ASSERT_TRUE(live->Close().ok());
+    const auto file = LiveMap::Open(live->uri());
     ASSERT_TRUE(file.ok()) << file.status();
-    EXPECT_EQ(static_cast<std::int64_t>((*file)->Current()->keyframes().size()), report->keyframes);
+    EXPECT_EQ(static_cast<std::int64_t>((*file)->Published()->map().keyframes().size()), report->keyframes);
   }
 }
 
 TEST(Session, AMapThatCannotBeWrittenEndsTheSessionWithThatError) {
   for (const int threads : {0, 3}) {
-    std::unique_ptr<MapWriter> writer;
+    std::unique_ptr<LiveMap> live;
     {
       const TempFolder folder;
-      writer = MakeWriter(folder.File("gone.cairn"));
+      live = MakeMap(folder.File("gone.cairn"));
     }  // and with it the folder of the map
-    const absl::Status status = RunAll(Threads(threads), testing::Sway(40), writer.get()).status();
+    const absl::Status status = RunAll(Threads(threads), testing::Sway(40), live.get()).status();
     ASSERT_FALSE(status.ok()) << threads;
     EXPECT_THAT(std::string(status.message()), HasSubstr("gone.cairn")) << threads;
   }
@@ -97,19 +96,19 @@ TEST(Session, AMapThatCannotBeWrittenEndsTheSessionWithThatError) {
 TEST(Session, WithoutAMapFinishSaysWhy) {
   const TempFolder folder;
   for (const int threads : {0, 3}) {
-    const auto writer = MakeWriter(folder.File("none.cairn"));
-    const auto report = RunAll(Threads(threads), testing::Still(6), writer.get());
+    const auto live = MakeMap(folder.File("none.cairn"));
+    const auto report = RunAll(Threads(threads), testing::Still(6), live.get());
     EXPECT_EQ(report.status().code(), absl::StatusCode::kFailedPrecondition);
     EXPECT_THAT(std::string(report.status().message()), HasSubstr("the camera has not moved enough"));
-    EXPECT_FALSE(std::filesystem::exists(writer->path()));
+    EXPECT_FALSE(std::filesystem::exists(live->uri()));
   }
 }
 
 TEST(Session, MayBeAbandonedAtAnyTime) {
   const TempFolder folder;
   for (const int threads : {2, 3}) {
-    const auto writer = MakeWriter(folder.File(std::to_string(threads)));
-    auto session = Session::Create(Threads(threads), testing::SwaySource(), nullptr, writer.get());
+    const auto live = MakeMap(folder.File(std::to_string(threads)));
+    auto session = Session::Create(Threads(threads), testing::SwaySource(), live.get());
     ASSERT_TRUE(session.ok()) << session.status();
     for (const RawFrame& frame : testing::Sway(30)) ASSERT_TRUE((*session)->AddFrame(frame).ok());
   }
@@ -118,8 +117,8 @@ TEST(Session, MayBeAbandonedAtAnyTime) {
 TEST(Session, LivePosesMayBeAskedForByAnotherThreadAtAnyTime) {
   const TempFolder folder;
   for (const int threads : {0, 3}) {
-    const auto writer = MakeWriter(folder.File(std::to_string(threads)));
-    auto session = Session::Create(Threads(threads), testing::SwaySource(), nullptr, writer.get());
+    const auto live = MakeMap(folder.File(std::to_string(threads)));
+    auto session = Session::Create(Threads(threads), testing::SwaySource(), live.get());
     ASSERT_TRUE(session.ok()) << session.status();
     std::atomic<bool> ended = false;
     int answers = 0;
@@ -154,35 +153,82 @@ TEST(Session, LivePosesMayBeAskedForByAnotherThreadAtAnyTime) {
   }
 }
 
-// Changes of the map, a loop's correction among them, are made by the feature module's thread through one function. It
-// is held up here in the middle of the first one until every frame has been tracked: whatever it holds, tracking, the
-// odometry's mapping and live poses need none of it.
+// Changes of the map, a loop's correction among them, are made by whoever has its head. It is taken away here until
+// every frame has been tracked: tracking, the odometry's mapping and live poses need none of it.
 TEST(Session, NobodyWaitsForAChangeOfTheMapInTheMaking) {
   const TempFolder folder;
-  const auto writer = MakeWriter(folder.File("held.cairn"));
-  std::promise<void> tracked;
-  const std::shared_future<void> all_tracked = tracked.get_future().share();
-  std::atomic<int> held = 0, in_vain = 0;
-  SessionOptions options = Threads(3);
-  options.on_change = [&](const map::Delta&) {
-    ++held;
-    if (all_tracked.wait_for(std::chrono::seconds(60)) != std::future_status::ready) ++in_vain;
-  };
-  auto session = Session::Create(options, testing::SwaySource(), nullptr, writer.get());
+  const auto live = MakeMap(folder.File("held.cairn"));
+  auto session = Session::Create(Threads(3), testing::SwaySource(), live.get());
   ASSERT_TRUE(session.ok()) << session.status();
-  for (const RawFrame& frame : testing::Sway(40)) {
-    const auto result = (*session)->AddFrame(frame);
-    ASSERT_TRUE(result.ok());
-    (*session)->PoseInMap(*result);
-    (*session)->FramePoses();
+  {
+    const LiveMap::Editor editor = live->BeginEdit();
+    for (const RawFrame& frame : testing::Sway(40)) {
+      const auto result = (*session)->AddFrame(frame);
+      ASSERT_TRUE(result.ok());
+      (*session)->PoseInMap(*result);
+      (*session)->FramePoses();
+    }
+    EXPECT_EQ((*session)->KeyframesInMap(), 0);
   }
-  EXPECT_EQ(in_vain, 0);
-  tracked.set_value();
   const auto report = (*session)->Finish();
   ASSERT_TRUE(report.ok()) << report.status();
-  EXPECT_GE(held, 2);
-  EXPECT_EQ(in_vain, 0);
   EXPECT_EQ(report->frames_tracked, 40);
+  EXPECT_GE(report->keyframes, 2);
+}
+
+// Two cameras at once, and somebody who edits beside them: nobody fails for a change of another.
+TEST(Session, SeveralExtendOneMapAtTheSameTime) {
+  const TempFolder folder;
+  const auto live = MakeMap(folder.File("shared.cairn"));
+  const std::shared_ptr<Subscription> changes = live->Subscribe();
+  std::atomic<bool> done = false;
+  std::atomic<int> edits = 0;
+  std::thread administrator([&] {
+    while (!done) {
+      const auto revision = live->Edit([&](const map::Snapshot& head) -> absl::StatusOr<std::optional<map::Delta>> {
+        if (head.components().empty()) return std::nullopt;
+        map::Delta delta;
+        delta.base = head.revision();
+        map::Component component = head.components().begin()->second;
+        component.world_from_component = Sim3(Quaterniond::Identity(), Vector3d(edits, 0, 0), 1.0);
+        delta.components = {component};
+        return delta;
+      });
+      EXPECT_TRUE(revision.ok()) << revision.status();
+      ++edits;
+      std::this_thread::yield();
+    }
+  });
+  std::vector<absl::StatusOr<SessionReport>> reports(2, absl::UnknownError("did not run"));
+  std::vector<std::thread> sessions;
+  for (auto& report : reports) {
+    sessions.emplace_back([&] { report = RunAll(Threads(2), testing::Sway(40), live.get()); });
+  }
+  for (std::thread& thread : sessions) thread.join();
+  done = true;
+  administrator.join();
+  for (const auto& report : reports) {
+    ASSERT_TRUE(report.ok()) << report.status();
+    EXPECT_EQ(report->frames_tracked, 40);
+  }
+  EXPECT_NE(reports[0]->component, reports[1]->component) << "without a vocabulary neither can find the other";
+  EXPECT_GT(edits, 1);
+  const auto map = live->Published()->snapshot();
+  EXPECT_TRUE(map->CheckConsistency().ok()) << map->CheckConsistency();
+  EXPECT_EQ(map->cameras().size(), 1u) << "the same camera is one";
+  EXPECT_EQ(map->sessions().size(), 2u);
+  ASSERT_TRUE(live->Close().ok());
+  // Every revision was told, once and in order.
+  std::shared_ptr<const map::Snapshot> followed = changes->first()->snapshot();
+  for (;;) {
+    const auto change = changes->Next(std::chrono::seconds(10));
+    if (!change.ok()) break;
+    ASSERT_TRUE(change->has_value());
+    const auto next = followed->Apply(*(*change)->delta);
+    ASSERT_TRUE(next.ok()) << next.status();
+    followed = *next;
+  }
+  EXPECT_TRUE(store::testing::SameBits(*followed, *map));
 }
 
 TEST(Session, BadOptionsAreRefused) {

@@ -105,4 +105,12 @@ class Sim3 {
   double scale_;
 };
 
+// The camera that sees the map through a similarity `camera_from_map`: what it sees does not depend on the scale.
+inline SE3 RigidPart(const Sim3& camera_from_map) {
+  return {camera_from_map.rotation(), camera_from_map.translation() / camera_from_map.scale()};
+}
+
+// The same motion where lengths are `scale` times as large.
+inline SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
+
 }  // namespace cairn

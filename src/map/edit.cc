@@ -58,6 +58,27 @@ void Collect(const Draft<Id, T>& draft, const Table<Id, T>& base, std::vector<st
   });
 }
 
+// As it is in the edit, or else in the map that it started from.
+template <class Id, class T>
+const T& Changed(const std::map<Id, T>& changed, const std::map<Id, T>& base, Id id) {
+  const auto found = changed.find(id);
+  return found != changed.end() ? found->second : base.at(id);
+}
+
+template <class Id>
+Id TakeId(Id* next) {
+  const Id id = *next;
+  *next = Id(id.value() + 1);
+  return id;
+}
+
+template <class Id, class T>
+std::vector<T> Values(const std::map<Id, T>& table) {
+  std::vector<T> values;
+  for (const auto& [id, value] : table) values.push_back(value);
+  return values;
+}
+
 }  // namespace
 
 Edit::Edit(std::shared_ptr<const Snapshot> base)
@@ -65,53 +86,49 @@ Edit::Edit(std::shared_ptr<const Snapshot> base)
       keyframes_(base_->keyframes(), base_->next_keyframe()),
       points_(base_->points(), base_->next_point()),
       next_keyframe_(base_->next_keyframe()),
-      next_point_(base_->next_point()) {}
+      next_point_(base_->next_point()),
+      next_camera_(base_->next_camera()),
+      next_session_(base_->next_session()),
+      next_component_(base_->next_component()) {}
 
-const MapCamera& Edit::camera(CameraId id) const {
-  for (const MapCamera& camera : cameras_) {
-    if (camera.id == id) return camera;
-  }
-  return base_->cameras().at(id);
-}
+const MapCamera& Edit::camera(CameraId id) const { return Changed(cameras_, base_->cameras(), id); }
+const Session& Edit::session(SessionId id) const { return Changed(sessions_, base_->sessions(), id); }
+const Component& Edit::component(ComponentId id) const { return Changed(components_, base_->components(), id); }
 
 CameraId Edit::AddCamera(MapCamera camera) {
-  const auto added = std::count_if(cameras_.begin(), cameras_.end(),
-                                   [&](const MapCamera& other) { return !base_->cameras().contains(other.id); });
-  camera.id = CameraId(static_cast<CameraId::Value>(base_->cameras().size() + static_cast<std::size_t>(added) + 1));
-  cameras_.push_back(std::move(camera));
-  return cameras_.back().id;
+  camera.id = TakeId(&next_camera_);
+  PutCamera(camera);
+  return camera.id;
 }
-
-void Edit::PutCamera(const MapCamera& camera) {
-  const auto known =
-      std::find_if(cameras_.begin(), cameras_.end(), [&](const MapCamera& other) { return other.id == camera.id; });
-  if (known != cameras_.end()) {
-    *known = camera;
-  } else {
-    cameras_.push_back(camera);
-  }
-}
+void Edit::PutCamera(const MapCamera& camera) { cameras_.insert_or_assign(camera.id, camera); }
 
 SessionId Edit::AddSession(Session session) {
-  session.id = SessionId(static_cast<SessionId::Value>(base_->sessions().size() + sessions_.size() + 1));
-  sessions_.push_back(std::move(session));
-  return sessions_.back().id;
+  session.id = TakeId(&next_session_);
+  PutSession(session);
+  return session.id;
 }
+void Edit::PutSession(const Session& session) { sessions_.insert_or_assign(session.id, session); }
 
-void Edit::PutSession(const Session& session) {
-  for (Session& known : sessions_) {
-    if (known.id == session.id) {
-      known = session;
-      return;
-    }
-  }
-  sessions_.push_back(session);
+ComponentId Edit::AddComponent(Component component) {
+  component.id = TakeId(&next_component_);
+  PutComponent(component);
+  return component.id;
 }
+void Edit::PutComponent(const Component& component) { components_.insert_or_assign(component.id, component); }
 
 KeyframeId Edit::AddKeyframe(Keyframe keyframe) {
-  const KeyframeId id = next_keyframe_;
-  next_keyframe_ = KeyframeId(id.value() + 1);
+  const KeyframeId id = TakeId(&next_keyframe_);
   keyframe.id = id;
+  if (!keyframe.component) {
+    const auto live = base_->LiveComponents();
+    if (!live.empty()) {
+      keyframe.component = live.front();
+    } else if (!components_.empty() || !base_->components().empty()) {
+      keyframe.component = components_.empty() ? base_->components().begin()->first : components_.begin()->first;
+    } else {
+      keyframe.component = AddComponent({.id = {}, .session = keyframe.session});
+    }
+  }
   keyframe.points.assign(keyframe.features->features.size(), PointId());
   keyframe.parent = KeyframeId();
   keyframe.children.clear();
@@ -122,8 +139,7 @@ KeyframeId Edit::AddKeyframe(Keyframe keyframe) {
 }
 
 PointId Edit::AddPoint(const Vector3d& position) {
-  const PointId id = next_point_;
-  next_point_ = PointId(id.value() + 1);
+  const PointId id = TakeId(&next_point_);
   auto point = std::make_shared<MapPoint>();
   point->id = id;
   point->position = position;
@@ -299,6 +315,51 @@ void Edit::AdoptChildren(const Keyframe& orphaned) {
   for (const KeyframeId child : orphans) SetParent(child, orphaned.parent);
 }
 
+// Turns the tree of a keyframe about: the links from it up to its root point the other way.
+void Edit::MakeRoot(KeyframeId id) {
+  std::vector<KeyframeId> way = {id};
+  while (keyframe(way.back()).parent) way.push_back(keyframe(way.back()).parent);
+  for (std::size_t i = way.size() - 1; i > 0; --i) {
+    EraseSorted(MutableKeyframe(way[i]).children, way[i - 1]);
+    SetParent(way[i], way[i - 1]);
+  }
+  MutableKeyframe(id).parent = KeyframeId();
+}
+
+void Edit::JoinComponent(ComponentId joined, const ComponentJoin& join) {
+  const Sim3 from_into = join.into_from_component.Inverse();
+  std::set<PointId> points;
+  std::vector<KeyframeId> moved;
+  const auto take = [&](const Keyframe& keyframe) {
+    if (keyframe.component == joined) moved.push_back(keyframe.id);
+  };
+  base_->keyframes().ForEach([&](const auto& base) {
+    if (const Keyframe* now = FindKeyframe(base->id)) take(*now);
+  });
+  for (KeyframeId id = base_->next_keyframe(); id < next_keyframe_; id = KeyframeId(id.value() + 1)) {
+    if (const Keyframe* added = FindKeyframe(id)) take(*added);
+  }
+  for (const KeyframeId id : moved) {
+    SetPose(id, RigidPart(Sim3(keyframe(id).camera_from_map) * from_into));
+    MutableKeyframe(id).component = join.into;
+    for (const PointId point_id : keyframe(id).points) {
+      if (point_id) points.insert(point_id);
+    }
+  }
+  for (const PointId id : points) SetPosition(id, join.into_from_component * point(id).position);
+  MakeRoot(join.keyframe);
+  SetParent(join.keyframe, join.into_keyframe);
+
+  Component gone = component(joined);
+  gone.joined = join;
+  Component into = component(join.into);
+  if (gone.world_from_component && !into.world_from_component) {
+    into.world_from_component = *gone.world_from_component * from_into;
+    PutComponent(into);
+  }
+  PutComponent(gone);
+}
+
 void Edit::MarkStale(PointId id, Stale stale) {
   std::uint8_t& mark = points_.Mark(id);
   if (mark == 0) stale_points_.push_back(id);
@@ -330,8 +391,10 @@ void Edit::Refresh(PointId id, Stale stale, Centers* centers) {
   };
   seen_from_.clear();
   for (const Observation& observation : changed.observations) seen_from_.push_back(center(observation.keyframe));
-  const int octave = keyframe(changed.reference.keyframe).keypoints()[changed.reference.feature].octave;
-  SetViewing(ComputeViewing(changed.position, seen_from_, center(changed.reference.keyframe), octave, info().orb),
+  const Keyframe& reference = keyframe(changed.reference.keyframe);
+  SetViewing(ComputeViewing(changed.position, seen_from_, center(reference.id),
+                            reference.keypoints()[changed.reference.feature].octave, pinhole(reference.camera).fx_px,
+                            info().orb),
              &changed);
 }
 
@@ -367,22 +430,27 @@ Delta Edit::Finish(std::string reason) {
       }
     }
     const auto fallback = link_if_alone_.find(id);
-    if (!keyframe(id).parent && fallback != link_if_alone_.end() && FindKeyframe(fallback->second) != nullptr) {
-      SetParent(id, fallback->second);
-    }
+    if (keyframe(id).parent || fallback == link_if_alone_.end()) continue;
+    const Keyframe* parent = FindKeyframe(fallback->second);
+    if (parent != nullptr && parent->component == keyframe(id).component) SetParent(id, parent->id);
   }
 
   Delta delta;
   delta.base = base_->revision();
   delta.reason = std::move(reason);
   delta.info = std::move(info_);
-  delta.cameras = std::move(cameras_);
+  delta.session = session_;
+  delta.cameras = Values(cameras_);
+  delta.sessions = Values(sessions_);
+  delta.components = Values(components_);
   for (const KeyframeId id : moved_keypoints_) {
     if (FindKeyframe(id) != nullptr) delta.moved_keypoints.push_back(id);
   }
-  delta.sessions = std::move(sessions_);
   delta.next_keyframe = next_keyframe_;
   delta.next_point = next_point_;
+  delta.next_camera = next_camera_;
+  delta.next_session = next_session_;
+  delta.next_component = next_component_;
   Collect(keyframes_, base_->keyframes(), &delta.keyframes, &delta.removed_keyframes);
   Collect(points_, base_->points(), &delta.points, &delta.removed_points);
   return delta;

@@ -3,6 +3,7 @@
 // time, for reading as well.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -30,6 +31,8 @@ class Edit {
   const Keyframe& keyframe(KeyframeId id) const { return *FindKeyframe(id); }
   const MapPoint& point(PointId id) const { return *FindPoint(id); }
   const MapCamera& camera(CameraId id) const;
+  const Session& session(SessionId id) const;
+  const Component& component(ComponentId id) const;
   const Pinhole& pinhole(CameraId id) const { return camera(id).pinhole; }
   KeyframeId next_keyframe() const { return next_keyframe_; }  // above every id
 
@@ -39,7 +42,18 @@ class Edit {
   SessionId AddSession(Session session);    // gives the id
   void PutSession(const Session& session);  // replaces an existing one
 
-  // Gives the id. Features must be set; points is sized here and links are made with AddObservation.
+  ComponentId AddComponent(Component component);  // gives the id
+  void PutComponent(const Component& component);  // replaces an existing one
+  // Notes who makes the change.
+  void SetSession(SessionId session) { session_ = session; }
+
+  // Moves every keyframe and point of a component by join.into_from_component and makes them part of join.into, in
+  // whose tree the root of theirs hangs from then on: join.keyframe becomes it, below join.into_keyframe, both of which
+  // must exist. If only the one that goes is aligned, the other is aligned by it. O(map).
+  void JoinComponent(ComponentId component, const ComponentJoin& join);
+
+  // Gives the id. Features must be set; points is sized here and links are made with AddObservation. Without a
+  // component it goes to the first one of the map, which is made if there is none.
   KeyframeId AddKeyframe(Keyframe keyframe);
   // Gives the id. A point without observations is dropped by Finish().
   PointId AddPoint(const Vector3d& position);
@@ -89,11 +103,14 @@ class Edit {
   void SetEdge(KeyframeId from, KeyframeId to, int shared_points);
   void SetParent(KeyframeId child, KeyframeId parent);
   void AdoptChildren(const Keyframe& orphaned);
+  void MakeRoot(KeyframeId id);
 
   std::shared_ptr<const Snapshot> base_;
   std::optional<MapInfo> info_;
-  std::vector<MapCamera> cameras_;
-  std::vector<Session> sessions_;
+  std::map<CameraId, MapCamera> cameras_;
+  std::map<SessionId, Session> sessions_;
+  std::map<ComponentId, Component> components_;
+  SessionId session_;
   Draft<KeyframeId, Keyframe> keyframes_;
   Draft<PointId, MapPoint> points_;  // marked with their Stale
   std::set<KeyframeId> moved_keypoints_;
@@ -106,6 +123,9 @@ class Edit {
   std::unordered_map<KeyframeId, KeyframeId> link_if_alone_;
   KeyframeId next_keyframe_;
   PointId next_point_;
+  CameraId next_camera_;
+  SessionId next_session_;
+  ComponentId next_component_;
 };
 
 }  // namespace cairn::map

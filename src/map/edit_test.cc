@@ -48,8 +48,7 @@ TEST(Edit, DerivesHowAPointIsSeen) {
     EXPECT_NEAR(point->mean_view_direction.norm(), 1.0f, 1e-5f);
     const Keyframe& reference = world.snapshot->keyframe(point->reference.keyframe);
     const double distance = (point->position - reference.CenterInMap()).norm();
-    EXPECT_NEAR(point->max_distance, distance * 1.2, 1e-4) << "all features are of octave 1";
-    EXPECT_NEAR(point->min_distance, point->max_distance / std::pow(1.2, 7), 1e-4);
+    EXPECT_NEAR(point->pixel_size, distance * 1.2 / testing::kPinhole.fx_px, 1e-6) << "all features are of octave 1";
     EXPECT_EQ(point->descriptor, reference.descriptors()[point->reference.feature]);
   });
 }
@@ -233,6 +232,104 @@ TEST(Edit, RandomChangesKeepTheMapConsistent) {
     map = Commit(*map, edit);
     ASSERT_NE(map, nullptr);
   }
+}
+
+// A second component: the same row of cameras once more, moved by a similarity, with points of its own.
+struct TwoComponents {
+  std::shared_ptr<const Snapshot> map;
+  ComponentId first, second;
+  Sim3 first_from_second;
+};
+
+TwoComponents MakeTwo(std::uint64_t seed) {
+  TestMap world = MakeMap(seed, 4, 150);
+  TwoComponents two;
+  two.first = world.snapshot->LiveComponents().front();
+  two.first_from_second = Sim3(ExpSO3(Vector3d(0.2, -0.4, 0.1)), Vector3d(1.0, 2.0, -0.5), 1.7);
+  const Sim3 second_from_first = two.first_from_second.Inverse();
+  Edit edit(world.snapshot);
+  two.second = edit.AddComponent({.id = {}, .session = world.session});
+  Random random(seed + 9);
+  std::vector<std::vector<Observation>> seen(world.truth.size());
+  for (std::size_t view = 0; view < 3; ++view) {
+    std::vector<std::size_t> visible;
+    Keyframe keyframe = testing::MakeKeyframe(world, view, 0.0, random, &visible);
+    keyframe.component = two.second;
+    keyframe.direct_segment = 5;
+    keyframe.camera_from_map = RigidPart(Sim3(keyframe.camera_from_map) * two.first_from_second);
+    const KeyframeId id = edit.AddKeyframe(keyframe);
+    for (std::uint32_t i = 0; i < visible.size(); ++i) seen[visible[i]].push_back({id, i});
+  }
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    if (seen[i].size() < 2) continue;
+    const PointId point = edit.AddPoint(second_from_first * world.truth[i]);
+    for (const Observation& o : seen[i]) edit.AddObservation(point, o.keyframe, o.feature);
+  }
+  two.map = Commit(*world.snapshot, edit);
+  return two;
+}
+
+TEST(Edit, JoinsOneComponentToAnother) {
+  const TwoComponents two = MakeTwo(21);
+  ASSERT_NE(two.map, nullptr);
+  EXPECT_EQ(two.map->LiveComponents(), (std::vector<ComponentId>{two.first, two.second}));
+  EXPECT_EQ(two.map->NumKeyframes(two.second), 3);
+  Edit edit(two.map);
+  Component aligned = two.map->component(two.second);
+  aligned.world_from_component = Sim3(Quaterniond::Identity(), Vector3d(5, 0, 0), 3.0);
+  edit.PutComponent(aligned);
+  ComponentJoin join;
+  join.into = two.first;
+  join.into_from_component = two.first_from_second;
+  join.keyframe = KeyframeId(6), join.into_keyframe = KeyframeId(2);
+  edit.JoinComponent(two.second, join);
+  const auto joined = Commit(*two.map, edit);
+  ASSERT_NE(joined, nullptr);
+  EXPECT_EQ(joined->LiveComponents(), std::vector<ComponentId>{two.first});
+  EXPECT_EQ(joined->NumKeyframes(two.first), 7);
+  EXPECT_EQ(joined->Resolve(two.second), two.first);
+  EXPECT_EQ(joined->keyframe(KeyframeId(6)).parent, KeyframeId(2)) << "the trees are one";
+  EXPECT_EQ(joined->keyframe(KeyframeId(5)).parent, KeyframeId(6)) << "turned about";
+  for (KeyframeId::Value i = 0; i < 3; ++i) {
+    const SE3 moved = joined->keyframe(KeyframeId(5 + i)).camera_from_map;
+    const SE3 twin = joined->keyframe(KeyframeId(1 + i)).camera_from_map;
+    EXPECT_LT((moved.Matrix() - twin.Matrix()).norm(), 1e-9);
+  }
+  ASSERT_TRUE(joined->WorldFrom(two.first).has_value()) << "the only alignment there is";
+  EXPECT_NEAR(joined->WorldFrom(two.first)->scale(), 3.0 / 1.7, 1e-12);
+}
+
+TEST(Edit, LinksOfAKeyframeStayWithinItsComponent) {
+  const TwoComponents two = MakeTwo(22);
+  ASSERT_NE(two.map, nullptr);
+  Edit edit(two.map);
+  const PointId other = FirstPointOf(*two.map, KeyframeId(5));
+  edit.ErasePoint(FirstPointOf(*two.map, KeyframeId(1)));
+  std::uint32_t free = 0;
+  while (edit.keyframe(KeyframeId(1)).points[free]) ++free;
+  ASSERT_TRUE(edit.AddObservation(other, KeyframeId(1), free));
+  const auto refused = two.map->Apply(edit.Finish("a point of two components"));
+  EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument) << refused.status();
+}
+
+TEST(Edit, IdsAreNotUsedTwiceAfterRemovals) {
+  const TestMap world = MakeMap(23, 3, 60);
+  Edit add(world.snapshot);
+  const CameraId camera =
+      add.AddCamera({CameraId(), "other", Camera::FromPinhole(testing::kPinhole), testing::kPinhole});
+  const ComponentId component = add.AddComponent({.id = {}, .session = world.session});
+  const auto more = Commit(*world.snapshot, add);
+  ASSERT_NE(more, nullptr);
+  Delta remove;
+  remove.base = more->revision();
+  remove.removed_cameras = {camera};
+  remove.removed_components = {component};
+  const auto fewer = more->Apply(remove);
+  ASSERT_TRUE(fewer.ok()) << fewer.status();
+  Edit again(*fewer);
+  EXPECT_EQ(again.AddCamera({CameraId(), "third", Camera::FromPinhole(testing::kPinhole), testing::kPinhole}),
+            CameraId(camera.value() + 1));
+  EXPECT_EQ(again.AddComponent({}), ComponentId(component.value() + 1));
 }
 
 }  // namespace

@@ -1,5 +1,7 @@
 // What a map is made of. Entities refer to each other by id; each is a value that never changes once it is in a
-// Snapshot. Frame "map" is the map's own: its scale and origin are arbitrary until `world_from_map` is set.
+// Snapshot. Every keyframe is in one component; frame "map" is that component's own: its scale and origin are arbitrary
+// until the component is aligned (Component::world_from_component). Positions of different components mean nothing to
+// each other.
 #pragma once
 
 #include <cstdint>
@@ -9,6 +11,7 @@
 #include <vector>
 
 #include "base/ids.h"
+#include "base/status.h"
 #include "base/time.h"
 #include "geometry/camera.h"
 #include "geometry/lens_correction.h"
@@ -52,6 +55,49 @@ struct ReportedTrajectory {
   bool operator==(const ReportedTrajectory&) const = default;
 };
 
+// How a component became part of another: overlap was proven, and its keyframes and points moved there.
+struct ComponentJoin {
+  ComponentId into;
+  Sim3 into_from_component;  // that moved them
+  // The keyframe of the component that proved it, and the one of `into` that it was matched with; like loops', they may
+  // have left the map since.
+  KeyframeId keyframe;
+  KeyframeId into_keyframe;
+  TimeNs keyframe_time_ns = 0;
+  int matches = 0;                  // that agree on the similarity between the two
+  int keyframes_agreeing = 0;       // keyframes that come to the same similarity by themselves ...
+  int keyframes_checked = 0;        // ... of so many
+  Revision revision = 0;            // of the change that joined them
+  std::int64_t joined_unix_ns = 0;  // wall clock; 0 in deterministic runs
+  bool operator==(const ComponentJoin& other) const;
+};
+
+// A part of the map with a frame of its own. It begins where a session does not know where it is, and lasts until
+// overlap with another component is proven; then it is kept as history. Ids are never used twice.
+struct Component {
+  ComponentId id;
+  SessionId session;                                        // that began it
+  std::optional<Sim3> world_from_component = std::nullopt;  // none: not aligned
+  std::optional<ComponentJoin> joined = std::nullopt;       // its keyframes are in another component now
+  bool operator==(const Component& other) const;
+};
+
+// Where the world frame lies on the earth (WGS 84).
+struct GeoAnchor {
+  double latitude_deg = 0.0;
+  double longitude_deg = 0.0;
+  double height_m = 0.0;                                 // above the ellipsoid
+  Quaterniond enu_from_world = Quaterniond::Identity();  // to east, north, up at that point
+  absl::Status Validate() const;
+};
+
+// What a session was asked to do ...
+enum class SessionPolicy { kCreate, kExtend };
+// ... and how it came out. kApart: it never found itself in what was there before, and is a component of its own.
+enum class SessionResult { kUnknown, kCreated, kLocated, kApart };
+const char* SessionPolicyName(SessionPolicy policy);
+const char* SessionResultName(SessionResult result);
+
 // One run over a camera stream that added to the map.
 struct Session {
   SessionId id;
@@ -63,9 +109,13 @@ struct Session {
   TimeNs last_ns = 0;
   std::int64_t started_unix_ns = 0;  // wall clock; 0 in deterministic runs
   std::int64_t ended_unix_ns = 0;
-  bool complete = false;                         // false: the session is running, or was cut off
-  std::vector<ClosedLoop> loops;                 // in order
-  std::optional<ReportedTrajectory> trajectory;  // of a complete session of images without given poses
+  bool complete = false;  // false: the session is running, or was cut off
+  bool removed = false;   // its keyframes were taken out of the map; kept for the history
+  SessionPolicy policy = SessionPolicy::kCreate;
+  SessionResult result = SessionResult::kUnknown;  // of a complete session
+  std::vector<ComponentId> components;             // that it has touched, ascending
+  std::vector<ClosedLoop> loops;                   // in order
+  std::optional<ReportedTrajectory> trajectory;    // of a complete session of images without given poses
   bool operator==(const Session&) const = default;
 };
 
@@ -86,6 +136,7 @@ struct Keyframe {
   KeyframeId id;
   SessionId session;
   CameraId camera;
+  ComponentId component;
   TimeNs time_ns = 0;
   std::int64_t frame_index = 0;     // in its session's sequence
   SE3 camera_from_map;              // refined by the feature module
@@ -119,8 +170,9 @@ struct MapPoint {
   Observation reference;  // the observation closest to all others; gives the descriptor
   image::Descriptor descriptor{};
   Eigen::Vector3f mean_view_direction = Eigen::Vector3f::Zero();  // unit, from the cameras to the point
-  float min_distance = 0.0f;  // in which the point can be found at some pyramid level
-  float max_distance = 0.0f;
+  // How large a pixel of the pyramid level of the reference observation is at the point, map units: any camera finds
+  // the point at the level whose pixels are as large there (map/viewing.h).
+  float pixel_size = 0.0f;
 };
 
 // What belongs to the map as a whole.
@@ -131,7 +183,7 @@ struct MapInfo {
   std::int64_t created_unix_ns = 0;   // 0 in deterministic runs
   image::OrbParameters orb;           // of every keyframe
   std::uint64_t vocabulary_hash = 0;  // 0: none
-  std::optional<Sim3> world_from_map;
+  std::optional<GeoAnchor> geo_anchor;
 };
 
 }  // namespace cairn::map

@@ -3,6 +3,7 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "base/status.h"
@@ -24,22 +25,37 @@ class Snapshot {
   static std::shared_ptr<const Snapshot> Empty(MapInfo info, Revision revision = 0);
 
   // The map after `delta`. O(size of the delta). Errors: FailedPrecondition if delta.base is not this revision,
-  // InvalidArgument if the delta refers to entities that do not exist; this snapshot is as it was.
+  // InvalidArgument if the map after it would not be a good one (map/delta_check.h): every change of a map, from
+  // whomever it comes, passes here. This snapshot is as it was.
   absl::StatusOr<std::shared_ptr<const Snapshot>> Apply(const Delta& delta) const;
 
   Revision revision() const { return revision_; }
   const MapInfo& info() const { return *info_; }
   const std::map<CameraId, MapCamera>& cameras() const { return *cameras_; }
   const std::map<SessionId, Session>& sessions() const { return *sessions_; }
+  const std::map<ComponentId, Component>& components() const { return *components_; }
   const Table<KeyframeId, Keyframe>& keyframes() const { return keyframes_; }
   const Table<PointId, MapPoint>& points() const { return points_; }
   KeyframeId next_keyframe() const { return next_keyframe_; }
   PointId next_point() const { return next_point_; }
+  CameraId next_camera() const { return next_camera_; }
+  SessionId next_session() const { return next_session_; }
+  ComponentId next_component() const { return next_component_; }
 
   // The entity must exist.
   const Keyframe& keyframe(KeyframeId id) const { return *keyframes_.Find(id); }
   const MapPoint& point(PointId id) const { return *points_.Find(id); }
   const Pinhole& pinhole(CameraId id) const { return cameras_->at(id).pinhole; }
+  const Component& component(ComponentId id) const { return components_->at(id); }
+
+  // Keyframes in a component; 0 for one that was joined to another, or does not exist.
+  std::int64_t NumKeyframes(ComponentId id) const;
+  // Those with keyframes, ascending.
+  std::vector<ComponentId> LiveComponents() const;
+  // The component that one has become by joins; itself if it has not been joined. None if it never existed.
+  ComponentId Resolve(ComponentId id) const;
+  // The similarity to the world of a component, if it is aligned.
+  const std::optional<Sim3>& WorldFrom(ComponentId id) const { return component(id).world_from_component; }
 
   // Every reference resolves both ways: observations, parents and children, covisibility. O(map); for tests, `verify`
   // and after loading.
@@ -50,10 +66,15 @@ class Snapshot {
   std::shared_ptr<const MapInfo> info_;
   std::shared_ptr<const std::map<CameraId, MapCamera>> cameras_;
   std::shared_ptr<const std::map<SessionId, Session>> sessions_;
+  std::shared_ptr<const std::map<ComponentId, Component>> components_;
+  std::shared_ptr<const std::map<ComponentId, std::int64_t>> num_keyframes_;  // of those that have any
   Table<KeyframeId, Keyframe> keyframes_;
   Table<PointId, MapPoint> points_;
   KeyframeId next_keyframe_{1};
   PointId next_point_{1};
+  CameraId next_camera_{1};
+  SessionId next_session_{1};
+  ComponentId next_component_{1};
 };
 
 // The covisible keyframes with at least `min_shared` points in common, best first, at most `max_count` (0: all). If

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <optional>
+
 #include "map/testing_map.h"
 
 namespace cairn::map {
@@ -100,6 +103,122 @@ TEST(Snapshot, RefusesDeltasThatDoNotResolve) {
   delta.points = {point};
   EXPECT_TRUE(refused(delta));
   EXPECT_TRUE(map.CheckConsistency().ok());
+}
+
+// What was removed must have been unlinked by whoever removed it: a map that is committed can be loaded again.
+TEST(Snapshot, RefusesToLeaveReferencesToWhatIsRemoved) {
+  const TestMap world = MakeMap(4, 4, 120);
+  const Snapshot& map = *world.snapshot;
+  const auto refused = [&](Delta delta) {
+    delta.base = map.revision();
+    delta.next_keyframe = map.next_keyframe();
+    delta.next_point = map.next_point();
+    return map.Apply(delta).status().code() == absl::StatusCode::kInvalidArgument;
+  };
+  PointId any;
+  map.points().ForEach([&](const std::shared_ptr<const MapPoint>& p) { any = p->id; });
+  Delta delta;
+  delta.removed_points = {any};
+  EXPECT_TRUE(refused(delta)) << "keyframes observe it";
+  delta = {};
+  delta.removed_keyframes = {KeyframeId(4)};
+  EXPECT_TRUE(refused(delta)) << "points, a parent and neighbours refer to it";
+  delta = {};
+  delta.removed_cameras = {world.camera};
+  EXPECT_TRUE(refused(delta)) << "keyframes were taken with it";
+  delta = {};
+  delta.removed_components = map.LiveComponents();
+  EXPECT_TRUE(refused(delta)) << "it has keyframes" << map.Apply(delta).status();
+  auto keyframe = std::make_shared<Keyframe>(map.keyframe(KeyframeId(2)));
+  std::uint32_t seen = 0;
+  while (!keyframe->points[seen]) ++seen;
+  keyframe->points[seen] = PointId();
+  delta = {};
+  delta.keyframes = {keyframe};
+  EXPECT_TRUE(refused(delta)) << "the point still lists the observation";
+  keyframe = std::make_shared<Keyframe>(map.keyframe(KeyframeId(2)));
+  keyframe->covisible.pop_back();
+  delta.keyframes = {keyframe};
+  EXPECT_TRUE(refused(delta)) << "the neighbour still lists it";
+}
+
+TEST(Snapshot, RefusesValuesOutOfRange) {
+  const TestMap world = MakeMap(5, 3, 60);
+  const Snapshot& map = *world.snapshot;
+  const auto status = [&](std::shared_ptr<Keyframe> keyframe, bool moved) {
+    Delta delta;
+    delta.base = map.revision();
+    delta.next_keyframe = map.next_keyframe();
+    delta.next_point = map.next_point();
+    delta.keyframes = {keyframe};
+    if (moved) delta.moved_keypoints = {keyframe->id};
+    return map.Apply(delta).status();
+  };
+  const auto changed = [&](auto change) {
+    auto keyframe = std::make_shared<Keyframe>(map.keyframe(KeyframeId(2)));
+    auto features = std::make_shared<KeyframeFeatures>(*keyframe->features);
+    change(*features);
+    keyframe->features = std::move(features);
+    return keyframe;
+  };
+  EXPECT_TRUE(status(changed([](KeyframeFeatures& f) { f.features.keypoints[0].x_px += 1.0f; }), true).ok());
+  EXPECT_FALSE(status(changed([](KeyframeFeatures& f) { f.features.keypoints[0].x_px += 1.0f; }), false).ok());
+  EXPECT_FALSE(status(changed([](KeyframeFeatures& f) { f.features.keypoints[0].octave = 8; }), true).ok());
+  EXPECT_FALSE(status(changed([](KeyframeFeatures& f) { f.features.keypoints[0].y_px = std::nanf(""); }), true).ok());
+  EXPECT_FALSE(status(changed([](KeyframeFeatures& f) { f.features.descriptors[0][0] ^= 1; }), true).ok());
+  auto keyframe = std::make_shared<Keyframe>(map.keyframe(KeyframeId(2)));
+  keyframe->camera_from_map = SE3(Quaterniond::Identity(), Vector3d(0, std::nan(""), 0));
+  EXPECT_FALSE(status(keyframe, false).ok());
+}
+
+// Random edits: merged, they lead to the same map as one after the other.
+TEST(MergeDeltas, IsTheSameAsOneAfterTheOther) {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const TestMap world = MakeMap(seed, 6, 150);
+    Random random(seed);
+    std::shared_ptr<const Snapshot> map = world.snapshot;
+    std::optional<Delta> merged;
+    for (int step = 0; step < 6; ++step) {
+      Edit edit(map);
+      std::vector<PointId> points;
+      map->points().ForEach([&](const auto& point) { points.push_back(point->id); });
+      for (int i = 0; i < 5; ++i) {
+        const PointId point = points[random.Below(static_cast<std::uint32_t>(points.size()))];
+        if (edit.FindPoint(point) == nullptr) continue;
+        if (random.Below(2) == 0) {
+          edit.ErasePoint(point);
+        } else {
+          edit.SetPosition(point, edit.point(point).position + Vector3d(0.01, 0, 0));
+        }
+      }
+      if (step == 2) edit.EraseKeyframe(KeyframeId(4));
+      if (step < 4) {
+        std::vector<std::size_t> visible;
+        const KeyframeId added = edit.AddKeyframe(testing::MakeKeyframe(world, 1, 0.0, random, &visible));
+        const PointId point = edit.AddPoint(Vector3d(0, 0, 4));
+        edit.AddObservation(point, added, 0);
+      }
+      const Delta delta = edit.Finish("step");
+      auto next = map->Apply(delta);
+      ASSERT_TRUE(next.ok()) << next.status();
+      if (merged) {
+        auto both = MergeDeltas(*world.snapshot, *merged, delta);
+        ASSERT_TRUE(both.ok()) << both.status();
+        merged = *both;
+      } else {
+        merged = delta;
+      }
+      map = *next;
+    }
+    const auto at_once = world.snapshot->Apply(*merged);
+    ASSERT_TRUE(at_once.ok()) << at_once.status();
+    EXPECT_EQ((*at_once)->revision(), map->revision());
+    EXPECT_EQ((*at_once)->keyframes().size(), map->keyframes().size());
+    EXPECT_EQ((*at_once)->points().size(), map->points().size());
+    map->keyframes().ForEach(
+        [&](const auto& keyframe) { EXPECT_EQ((*at_once)->keyframes().FindPointer(keyframe->id), keyframe); });
+    map->points().ForEach([&](const auto& point) { EXPECT_EQ((*at_once)->points().FindPointer(point->id), point); });
+  }
 }
 
 TEST(Snapshot, BestCovisibleFallsBackToTheBestThereIs) {

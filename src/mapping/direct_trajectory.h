@@ -11,7 +11,7 @@ namespace cairn::mapping {
 
 // The same keyframes with the poses of the direct module. Each segment is placed in the map by the similarity that fits
 // it best to `refined`, by the positions and the orientations of its located keyframes. A segment with fewer than three
-// of them, or that stayed in one place, keeps its refined poses. FramePose() takes the result like the refined
+// of them, or that stayed in one place, keeps its refined poses. PoseOfFrame() takes the result like the refined
 // trajectory.
 std::vector<TrajectoryKeyframe> DirectTrajectory(const std::vector<TrajectoryKeyframe>& refined);
 

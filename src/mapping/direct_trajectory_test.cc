@@ -49,7 +49,7 @@ TEST(DirectTrajectory, FindsTheExactSimilarityOnAStraightLine) {
   frame.keyframe = 3;
   frame.time_ns = 350000000;
   frame.keyframe_from_camera = SE3(Quaterniond::Identity(), Vector3d(0.02, 0.0, 0.15));
-  const auto pose = FramePose(direct, frame);
+  const auto pose = PoseOfFrame(direct, frame);
   ASSERT_TRUE(pose.has_value());
   const SE3 expected = kMapFromDirect.TransformPose(direct[3].direct_from_camera * frame.keyframe_from_camera);
   EXPECT_LT(Distance(*pose, expected), 1e-9);

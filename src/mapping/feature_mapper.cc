@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <utility>
 
 #include "map/lens.h"
 #include "mapping/direct_trajectory.h"
 #include "mapping/feature_mapper_impl.h"
+#include "mapping/held.h"
 #include "mapping/stopwatch.h"
 
 namespace cairn::mapping {
@@ -70,7 +72,7 @@ absl::StatusOr<KeyframeReport> FeatureMapper::Impl::Process(const direct::Keyfra
 
 absl::Status FeatureMapper::Impl::Continue(Current* current) {
   const direct::KeyframePacket& packet = current->packet;
-  if (map_->keyframes().empty()) {
+  if (!component_) {
     if (current->num_depths < options_.min_start_points) {
       current->report.message = absl::StrCat("a start needs ", options_.min_start_points,
                                              " features with depth, there are ", current->num_depths);
@@ -92,9 +94,23 @@ absl::Status FeatureMapper::Impl::Continue(Current* current) {
   return Lose(seed.camera_from_map, current);
 }
 
-// Over all that the session added; the lens of its camera in between, as soon as poses and points agree with it as it
-// is calibrated.
-absl::Status FeatureMapper::Impl::AdjustSession(const std::vector<KeyframeId>& own) {
+// Whether nobody else has taken pictures with this session's camera, so that its lens is this session's to correct.
+bool FeatureMapper::Impl::OwnsCamera() const {
+  bool owns = true;
+  map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+    owns &= keyframe->camera != camera_ || keyframe->session == session_;
+  });
+  return owns;
+}
+
+// Over all that the session added to a component, and what others have of it unless that is held; the lens of the
+// session's camera in between, as soon as poses and points agree with it as it is calibrated.
+absl::Status FeatureMapper::Impl::AdjustSession(ComponentId component, const std::vector<KeyframeId>& own) {
+  std::vector<KeyframeId> free;
+  map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+    if (keyframe->component == component && !IsHeld(*map_, *keyframe, session_)) free.push_back(keyframe->id);
+  });
+  if (static_cast<int>(free.size()) > options_.max_final_keyframes) free = own;
   map::Edit edit(map_);
   LocalAdjustmentOptions adjustment;
   adjustment.first_iterations = options_.final_iterations;
@@ -102,13 +118,15 @@ absl::Status FeatureMapper::Impl::AdjustSession(const std::vector<KeyframeId>& o
   // What is bent over many keyframes costs little and straightens slowly.
   adjustment.function_tolerance = options_.final_tolerance;
   adjustment.max_fixed_keyframes = 0;
-  absl::Status adjusted = AdjustKeyframes(edit, own, adjustment).status();
+  absl::Status adjusted = AdjustKeyframes(edit, free, adjustment).status();
   if (absl::IsInternal(adjusted)) return absl::OkStatus();  // no better answer: the map stays as it was
   CAIRN_RETURN_IF_ERROR(adjusted);
-  CAIRN_ASSIGN_OR_RETURN(lens_, RefineLens(edit, own, camera_, options_.lens));
+  if (OwnsCamera() && !lens_) {
+    CAIRN_ASSIGN_OR_RETURN(lens_, RefineLens(edit, own, camera_, options_.lens));
+  }
   adjustment.noise_iterations = options_.noise_iterations;
   adjustment.rotations = DirectRotations(trajectory_.entries(), *map_);
-  adjusted = AdjustKeyframes(edit, own, adjustment).status();
+  adjusted = AdjustKeyframes(edit, free, adjustment).status();
   if (!absl::IsInternal(adjusted)) CAIRN_RETURN_IF_ERROR(adjusted);
   CAIRN_RETURN_IF_ERROR(CommitEdit(std::move(edit), "bundle adjustment of the session"));
   if (lens_ && lens_->applied) CorrectViews();
@@ -128,12 +146,13 @@ void FeatureMapper::Impl::CorrectViews() {
 }
 
 absl::Status FeatureMapper::Impl::Finish() {
-  std::vector<KeyframeId> own;
+  std::map<ComponentId, std::vector<KeyframeId>> own_of;
   map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
-    if (keyframe->session == session_) own.push_back(keyframe->id);
+    if (keyframe->session == session_) own_of[keyframe->component].push_back(keyframe->id);
   });
-  if (own.size() >= 2 && static_cast<int>(own.size()) <= options_.max_final_keyframes) {
-    CAIRN_RETURN_IF_ERROR(AdjustSession(own));
+  for (const auto& [component, own] : own_of) {
+    if (own.size() < 2 || static_cast<int>(own.size()) > options_.max_final_keyframes) continue;
+    CAIRN_RETURN_IF_ERROR(AdjustSession(component, own));
   }
   auto& entries = trajectory_.entries();
   for (std::size_t i = 0; i < entries.size(); ++i) {
@@ -149,41 +168,35 @@ absl::Status FeatureMapper::Impl::Finish() {
 FeatureMapper::FeatureMapper(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 FeatureMapper::~FeatureMapper() = default;
 
-absl::StatusOr<std::unique_ptr<FeatureMapper>> FeatureMapper::Create(const FeatureMapperOptions& options,
-                                                                     std::shared_ptr<const map::Snapshot> map,
-                                                                     SessionId session, CameraId camera,
-                                                                     const place::Vocabulary* vocabulary,
-                                                                     Commit commit) {
+absl::StatusOr<std::unique_ptr<FeatureMapper>> FeatureMapper::Create(const FeatureMapperOptions& options, MapHead* head,
+                                                                     SessionId session, CameraId camera) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
-  if (map == nullptr || !commit) return absl::InvalidArgumentError("feature mapper: needs a map and a commit function");
-  if (!map->sessions().contains(session) || !map->cameras().contains(camera)) {
+  const map::Snapshot& map = head->View()->map();
+  if (!map.sessions().contains(session) || !map.cameras().contains(camera)) {
     return absl::InvalidArgumentError(
         absl::StrCat("feature mapper: the map has no session ", session.value(), " or no camera ", camera.value()));
   }
-  auto impl = std::make_unique<Impl>(options, std::move(map), session, camera, vocabulary, std::move(commit));
-  CAIRN_RETURN_IF_ERROR(impl->BuildPlaces());
-  return std::unique_ptr<FeatureMapper>(new FeatureMapper(std::move(impl)));
+  return std::unique_ptr<FeatureMapper>(new FeatureMapper(std::make_unique<Impl>(options, head, session, camera)));
 }
 
 absl::StatusOr<KeyframeReport> FeatureMapper::Process(const direct::KeyframePacket& packet) {
   return impl_->Process(packet);
 }
 
-absl::StatusOr<std::optional<direct::KnownView>> FeatureMapper::Locate(const direct::Frame& frame) const {
+absl::StatusOr<std::optional<FeatureMapper::Found>> FeatureMapper::Locate(const direct::Frame& frame) const {
   return impl_->Locate(frame);
 }
 absl::Status FeatureMapper::Finish() { return impl_->Finish(); }
-absl::StatusOr<std::shared_ptr<const map::Snapshot>> FeatureMapper::CommitCorrection(
-    map::Delta delta, const std::unordered_map<KeyframeId, double>& scales) {
-  CAIRN_RETURN_IF_ERROR(impl_->CommitCorrection(std::move(delta), scales));
-  return impl_->map();
+void FeatureMapper::OnChange(const tracking::MapView& before, const map::Delta& delta,
+                             const std::shared_ptr<const tracking::MapView>& after, const KeyframeScales& scales) {
+  impl_->OnChange(before, delta, after, scales);
 }
 
 void FeatureMapper::ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& direct_from_camera) {
   impl_->ReviseDirectPoses(direct_from_camera);
 }
 
-const tracking::PlaceDatabase* FeatureMapper::places() const { return impl_->places(); }
+ComponentId FeatureMapper::component() const { return impl_->component(); }
 const KeyframeTrajectory& FeatureMapper::trajectory() const { return impl_->trajectory(); }
 const std::shared_ptr<const map::Snapshot>& FeatureMapper::map() const { return impl_->map(); }
 const std::optional<LensReport>& FeatureMapper::lens() const { return impl_->lens(); }

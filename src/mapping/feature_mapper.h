@@ -3,11 +3,13 @@
 // clutter. Lee and Civera, "Loosely-Coupled Semi-Direct Monocular SLAM" (RA-L 2019), Sec. V, with the local mapping of
 // Mur-Artal, Montiel and Tardos, "ORB-SLAM" (T-RO 2015). Loop closing is a matter of its own.
 //
-// It works on map::Edit over the newest Snapshot and hands each change as one Delta to a commit function, which applies
-// and stores it. Algorithms own no threads: call everything from the one mapping thread. Deterministic.
+// A session does not know where it is at first: it maps into a component of its own, which is joined to another when
+// overlap is proven (mapping/component_join.h). After a loss that nothing bridges it begins a further one.
+//
+// It works on map::Edit over the newest revision and hands each change as one Delta to the head of the map. Algorithms
+// own no threads: call everything from the one mapping thread, while the head is the caller's. Deterministic.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <optional>
 #include <unordered_map>
@@ -18,8 +20,7 @@
 #include "map/edit.h"
 #include "mapping/feature_mapper_options.h"
 #include "mapping/keyframe_trajectory.h"
-#include "place/vocabulary.h"
-#include "tracking/place_database.h"
+#include "mapping/map_head.h"
 
 namespace cairn::mapping {
 
@@ -51,6 +52,7 @@ struct KeyframeReport {
   double map_per_direct = 1.0;  // relative scale around this keyframe
   bool inserted = false;
   KeyframeId keyframe;     // if inserted
+  ComponentId component;   // of the map, if located
   bool relocated = false;  // the map was found again after a loss
   bool restarted = false;  // a new start was made from direct depths
   int new_points = 0;
@@ -63,29 +65,28 @@ struct KeyframeReport {
 
 class FeatureMapper {
  public:
-  // Applies a change and returns the map after it. An error stops the mapping: Process() returns it.
-  using Commit = std::function<absl::StatusOr<std::shared_ptr<const map::Snapshot>>(map::Delta)>;
-
-  // Keyframes are added to `session` of `camera`, both of which `map` holds already. An empty map is started from the
-  // first packets: its origin is the first keyframe, its scale that of the direct module there. A map with keyframes is
-  // extended: the session's keyframes join it once one has been located in it. `vocabulary` may be null (features then
-  // have no words, and a lost map is searched only nearby); otherwise it must outlive the mapper. InvalidArgument for
-  // bad options or ids that the map does not have.
-  static absl::StatusOr<std::unique_ptr<FeatureMapper>> Create(const FeatureMapperOptions& options,
-                                                               std::shared_ptr<const map::Snapshot> map,
-                                                               SessionId session, CameraId camera,
-                                                               const place::Vocabulary* vocabulary, Commit commit);
+  // Keyframes are added to `session` of `camera`, both of which the map holds already. The first packets start a
+  // component of the session's own: its origin is the first keyframe, its scale that of the direct module there.
+  // Without a vocabulary in the view of the map features have no words, and a lost map is searched only nearby. `head`
+  // must outlive it. InvalidArgument for bad options or ids that the map does not have.
+  static absl::StatusOr<std::unique_ptr<FeatureMapper>> Create(const FeatureMapperOptions& options, MapHead* head,
+                                                               SessionId session, CameraId camera);
   ~FeatureMapper();
   FeatureMapper(const FeatureMapper&) = delete;
   FeatureMapper& operator=(const FeatureMapper&) = delete;
 
   // InvalidArgument, and nothing changes, for a packet that is older than the last or whose image does not fit the
-  // camera. The commit function's errors are returned as they are.
+  // camera. The errors of the head's Commit() are returned as they are.
   absl::StatusOr<KeyframeReport> Process(const direct::KeyframePacket& packet);
 
-  // Looks for an image anywhere in the map, for an odometry that is lost: the points that it shows, with their depths
-  // in the image in map units. None if it is not found, or without a vocabulary. Changes nothing.
-  absl::StatusOr<std::optional<direct::KnownView>> Locate(const direct::Frame& frame) const;
+  // Where a lost odometry is: the points that its image shows, with their depths in units of the component that they
+  // are in.
+  struct Found {
+    direct::KnownView view;
+    ComponentId component;
+  };
+  // Looks for an image anywhere in the map. None if it is not found, or without a vocabulary. Changes nothing.
+  absl::StatusOr<std::optional<Found>> Locate(const direct::Frame& frame) const;
 
   // Ends the session: a wider bundle adjustment over everything this session added, if it is small enough, and the
   // poses of the keyframes that were not inserted refined once more against the final map.
@@ -98,18 +99,17 @@ class FeatureMapper {
   // worked on them: direct_from_camera by the number of the direct keyframe. Call before Trajectory() at the end.
   void ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& direct_from_camera);
 
-  // A change of the map that somebody else makes between two calls of Process(), such as closing a loop: commits it and
-  // goes on from the map after it. `scales`: by how much lengths around keyframes have grown, 1 for those not named.
-  absl::StatusOr<std::shared_ptr<const map::Snapshot>> CommitCorrection(
-      map::Delta delta, const std::unordered_map<KeyframeId, double>& scales);
+  // What the head of the map has become by a commit, of whomever: references into it are kept right.
+  void OnChange(const tracking::MapView& before, const map::Delta& delta,
+                const std::shared_ptr<const tracking::MapView>& after, const KeyframeScales& scales);
 
-  // The keyframes of map() by their words; null without a vocabulary.
-  const tracking::PlaceDatabase* places() const;
+  // The component that keyframes are added to; none before the first.
+  ComponentId component() const;
 
   // Every direct keyframe processed, as Trajectory() resolves them.
   const KeyframeTrajectory& trajectory() const;
 
-  // The map after the last commit.
+  // As OnChange() has it.
   const std::shared_ptr<const map::Snapshot>& map() const;
   FeatureState state() const;
 

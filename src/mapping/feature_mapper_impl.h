@@ -18,7 +18,6 @@
 #include "mapping/local_mapper.h"
 #include "mapping/relative_scale.h"
 #include "mapping/view_record.h"
-#include "tracking/place_database.h"
 #include "tracking/relocalizer.h"
 
 namespace cairn::mapping {
@@ -28,39 +27,31 @@ double MedianDirectDepth(std::span<const direct::PacketPoint> points);
 
 class FeatureMapper::Impl {
  public:
-  Impl(const FeatureMapperOptions& options, std::shared_ptr<const map::Snapshot> map, SessionId session,
-       CameraId camera, const place::Vocabulary* vocabulary, Commit commit)
+  Impl(const FeatureMapperOptions& options, MapHead* head, SessionId session, CameraId camera)
       : options_(options),
-        map_(std::move(map)),
+        head_(head),
+        view_(head->View()),
+        map_(view_->snapshot()),
         session_(session),
         camera_(camera),
         pinhole_(map_->pinhole(camera)),
-        vocabulary_(vocabulary),
-        commit_(std::move(commit)),
         extractor_(map_->info().orb),
-        mapper_(options, [this](const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir) {
-          OnCull(edit, culled, heir);
-        }) {}
-
-  absl::Status BuildPlaces() {
-    if (vocabulary_ == nullptr) return absl::OkStatus();
-    // Not owned: the vocabulary outlives the mapper.
-    const std::shared_ptr<const place::Vocabulary> shared(std::shared_ptr<void>(), vocabulary_);
-    CAIRN_ASSIGN_OR_RETURN(auto places, tracking::PlaceDatabase::Build(shared, *map_));
-    places_.emplace(std::move(places));
-    return absl::OkStatus();
-  }
+        mapper_(options, session,
+                [this](const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir) {
+                  OnCull(edit, culled, heir);
+                }) {}
 
   absl::StatusOr<KeyframeReport> Process(const direct::KeyframePacket& packet);
-  absl::StatusOr<std::optional<direct::KnownView>> Locate(const direct::Frame& frame) const;
+  absl::StatusOr<std::optional<Found>> Locate(const direct::Frame& frame) const;
   absl::Status Finish();
 
-  absl::Status CommitCorrection(map::Delta delta, const std::unordered_map<KeyframeId, double>& scales);
+  void OnChange(const tracking::MapView& before, const map::Delta& delta,
+                const std::shared_ptr<const tracking::MapView>& after, const KeyframeScales& scales);
 
   void ReviseDirectPoses(const std::unordered_map<std::int64_t, SE3>& poses) { trajectory_.ReviseDirectPoses(poses); }
 
   const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
-  const tracking::PlaceDatabase* places() const { return places_ ? &*places_ : nullptr; }
+  ComponentId component() const { return component_; }
   FeatureState state() const { return state_; }
   const KeyframeTrajectory& trajectory() const { return trajectory_; }
   const std::optional<LensReport>& lens() const { return lens_; }
@@ -93,7 +84,8 @@ class FeatureMapper::Impl {
   absl::StatusOr<bool> Relocate(Current* current);
   bool MayGoOnAt(KeyframeId place, const direct::KeyframePacket& packet) const;
   absl::Status Accept(Current* current);
-  absl::Status AdjustSession(const std::vector<KeyframeId>& own);
+  absl::Status AdjustSession(ComponentId component, const std::vector<KeyframeId>& own);
+  bool OwnsCamera() const;
   void CorrectViews();
   absl::Status Lose(const SE3& guess, Current* current);
   absl::Status Start(const SE3& camera_from_map, double map_per_direct, KeyframeId parent, Current* current);
@@ -102,7 +94,7 @@ class FeatureMapper::Impl {
   absl::Status Insert(const SE3& camera_from_map, double map_per_direct, bool points_from_depths, KeyframeId parent,
                       Current* current);
   absl::Status CommitEdit(map::Edit edit, std::string reason);
-  absl::Status CommitDelta(map::Delta delta);
+  void Reattach(KeyframeId gone, const map::Snapshot& before, const map::Snapshot& after);
   double UpdateScale(const Current& current);
   std::vector<double> DepthRatios(const Current& current, std::size_t min_observations) const;
   std::optional<ScaleMeasurement> MeasureCentres(const Current& current) const;
@@ -114,15 +106,15 @@ class FeatureMapper::Impl {
   int NumFeatures(double rate_hz) const;
 
   const FeatureMapperOptions options_;
-  std::shared_ptr<const map::Snapshot> map_;
+  MapHead* const head_;
+  std::shared_ptr<const tracking::MapView> view_;  // of the head
+  std::shared_ptr<const map::Snapshot> map_;       // its map
   const SessionId session_;
   const CameraId camera_;
   const Pinhole pinhole_;
-  const place::Vocabulary* const vocabulary_;
-  const Commit commit_;
   const image::OrbExtractor extractor_;
   const tracking::Relocalizer relocalizer_;
-  std::optional<tracking::PlaceDatabase> places_;
+  ComponentId component_;  // keyframes go there; none: the next one begins it
   LocalMapper mapper_;
   RelativeScale scale_;
   KeyframeTrajectory trajectory_;

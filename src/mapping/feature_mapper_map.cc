@@ -11,7 +11,16 @@ namespace {
 // The first keyframes are all inserted: the map needs them more than it needs to be small.
 constexpr int kAlwaysInserted = 4;
 
-SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
+// A component of the session's own; it notes that it has touched it.
+ComponentId BeginComponent(SessionId session_id, map::Edit* edit) {
+  map::Component component;
+  component.session = session_id;
+  const ComponentId id = edit->AddComponent(component);
+  map::Session session = edit->session(session_id);
+  session.components.push_back(id);
+  edit->PutSession(session);
+  return id;
+}
 
 }  // namespace
 
@@ -35,6 +44,7 @@ void FeatureMapper::Impl::Remember(const SE3& camera_from_map, KeyframeId refere
   last_.reference = reference;
   last_.reference_from_camera = map_->keyframe(reference).camera_from_map * camera_from_map.Inverse();
   current->report.located = true;
+  current->report.component = map_->keyframe(reference).component;
   current->report.map_from_camera = camera_from_map.Inverse();
   current->report.map_per_direct = scale_.scale();
 }
@@ -63,8 +73,8 @@ void FeatureMapper::Impl::Record(const Current& current, bool refined, double ma
 absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, double map_per_direct, bool points_from_depths,
                                          KeyframeId parent, Current* current) {
   CpuStopwatch watch;
-  if (vocabulary_ != nullptr) {
-    current->features->words = vocabulary_->LookupAll(current->features->features.descriptors);
+  if (view_->places() != nullptr) {
+    current->features->words = view_->places()->vocabulary().LookupAll(current->features->features.descriptors);
   }
   InsertionRequest request;
   request.keyframe.session = session_;
@@ -83,6 +93,8 @@ absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, double map_
   request.nearby = current->tracked.nearby;
 
   map::Edit edit(map_);
+  if (!component_) component_ = BeginComponent(session_, &edit);
+  request.keyframe.component = component_;
   CAIRN_ASSIGN_OR_RETURN(const InsertionReport inserted, mapper_.Insert(edit, std::move(request)));
   KeyframeReport& report = current->report;
   report.times.new_points_ms = inserted.new_points_ms;
@@ -104,30 +116,39 @@ absl::Status FeatureMapper::Impl::Insert(const SE3& camera_from_map, double map_
 }
 
 absl::Status FeatureMapper::Impl::CommitEdit(map::Edit edit, std::string reason) {
-  return CommitDelta(edit.Finish(std::move(reason)));
+  edit.SetSession(session_);
+  map::Delta delta = edit.Finish(std::move(reason));
+  return delta.empty() ? absl::OkStatus() : head_->Commit(std::move(delta), {});
 }
 
-absl::Status FeatureMapper::Impl::CommitDelta(map::Delta delta) {
-  if (delta.empty()) return absl::OkStatus();
-  if (places_) CAIRN_RETURN_IF_ERROR(places_->Update(delta));
-  CAIRN_ASSIGN_OR_RETURN(map_, commit_(std::move(delta)));
-  if (map_ == nullptr) return absl::InternalError("the commit function returned no map");
-  return absl::OkStatus();
+// Everything that refers to a keyframe which is gone hangs on the nearest of its ancestors that is left, or on nothing.
+void FeatureMapper::Impl::Reattach(KeyframeId gone, const map::Snapshot& before, const map::Snapshot& after) {
+  const map::Keyframe* was = before.keyframes().Find(gone);
+  if (was == nullptr) return;
+  const map::Keyframe* heir = was;
+  while (heir != nullptr && !after.keyframes().Contains(heir->id)) heir = before.keyframes().Find(heir->parent);
+  const KeyframeId id = heir == nullptr ? KeyframeId() : heir->id;
+  const SE3 heir_from_gone = heir == nullptr ? SE3() : heir->camera_from_map * was->camera_from_map.Inverse();
+  trajectory_.Reattach(gone, id, heir_from_gone);
+  if (last_.reference != gone) return;
+  last_.reference = id;
+  last_.reference_from_camera = heir_from_gone * last_.reference_from_camera;
+  last_.known &= id.valid();
 }
 
-absl::Status FeatureMapper::Impl::CommitCorrection(map::Delta delta,
-                                                   const std::unordered_map<KeyframeId, double>& scales) {
-  for (const KeyframeId removed : delta.removed_keyframes) {
-    if (last_.reference == removed) last_.known = false;
-  }
-  CAIRN_RETURN_IF_ERROR(CommitDelta(std::move(delta)));
+void FeatureMapper::Impl::OnChange(const tracking::MapView& before, const map::Delta& delta,
+                                   const std::shared_ptr<const tracking::MapView>& after,
+                                   const KeyframeScales& scales) {
+  for (const KeyframeId removed : delta.removed_keyframes) Reattach(removed, before.map(), after->map());
+  view_ = after;
+  map_ = after->snapshot();
+  if (component_ && map_->components().contains(component_)) component_ = map_->Resolve(component_);
   trajectory_.Rescale(scales);
   const auto here = scales.find(last_.reference);
-  if (!last_.known || here == scales.end()) return absl::OkStatus();
+  if (!last_.known || here == scales.end()) return;
   last_.reference_from_camera = Scaled(last_.reference_from_camera, here->second);
   scale_.Rescale(here->second);
   median_depth_ *= here->second;
-  return absl::OkStatus();
 }
 
 void FeatureMapper::Impl::OnCull(const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir) {

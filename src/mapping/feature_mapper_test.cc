@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <set>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "geometry/alignment.h"
 #include "image/orb_extractor.h"
+#include "mapping/component_join.h"
+#include "mapping/testing_head.h"
 #include "mapping/testing_room.h"
 #include "place/training.h"
 
@@ -28,36 +31,37 @@ FeatureMapperOptions SmallOptions() {
 
 // A mapper over a map that lives in the test.
 struct TestRun {
-  std::shared_ptr<const map::Snapshot> map;
+  std::shared_ptr<testing::TestHead> head;  // perhaps shared with the run before
   SessionId session;
   CameraId camera;
   std::unique_ptr<FeatureMapper> mapper;
   std::vector<KeyframeReport> reports;
   std::vector<SE3> truth;
-  int commits = 0;
 
-  explicit TestRun(const FeatureMapperOptions& options = SmallOptions(),
-                   std::shared_ptr<const map::Snapshot> start = nullptr,
-                   const place::Vocabulary* vocabulary = nullptr) {
-    map::MapInfo info;
-    info.id = std::string(32, '1');
-    if (vocabulary != nullptr) info.vocabulary_hash = vocabulary->hash();
-    map = start ? start : map::Snapshot::Empty(info);
-    map::Edit edit(map);
+  explicit TestRun(std::shared_ptr<testing::TestHead> start = nullptr) : head(std::move(start)) {
+    if (head == nullptr) head = MakeHead(nullptr);
+    map::Edit edit(map());
     camera = edit.AddCamera({CameraId(), "camera", Camera::FromPinhole(kRoomPinhole), kRoomPinhole});
     map::Session added;
     added.camera = camera;
     session = edit.AddSession(added);
-    map = *map->Apply(edit.Finish("session"));
-    auto made = FeatureMapper::Create(options, map, session, camera, vocabulary,
-                                      [this](map::Delta delta) -> absl::StatusOr<std::shared_ptr<const map::Snapshot>> {
-                                        ++commits;
-                                        CAIRN_ASSIGN_OR_RETURN(map, map->Apply(delta));
-                                        return map;
-                                      });
+    EXPECT_TRUE(head->Commit(edit.Finish("session"), {}).ok());
+    auto made = FeatureMapper::Create(SmallOptions(), head.get(), session, camera);
     EXPECT_TRUE(made.ok()) << made.status();
-    if (made.ok()) mapper = std::move(*made);
+    if (!made.ok()) return;
+    mapper = std::move(*made);
+    head->mappers.push_back(mapper.get());
   }
+  ~TestRun() { std::erase(head->mappers, mapper.get()); }
+
+  static std::shared_ptr<testing::TestHead> MakeHead(const place::Vocabulary* vocabulary) {
+    map::MapInfo info;
+    info.id = std::string(32, '1');
+    if (vocabulary != nullptr) info.vocabulary_hash = vocabulary->hash();
+    return std::make_shared<testing::TestHead>(map::Snapshot::Empty(info), vocabulary);
+  }
+
+  const std::shared_ptr<const map::Snapshot>& map() const { return head->map(); }
 
   void Process(const direct::KeyframePacket& packet, const SE3& room_from_camera) {
     const auto report = mapper->Process(packet);
@@ -69,7 +73,7 @@ struct TestRun {
   // Root mean square of the camera centres after Sim(3) alignment; every keyframe must be located.
   double Error() const {
     std::vector<Vector3d> estimated, expected;
-    for (const TrajectoryKeyframe& keyframe : mapper->Trajectory(*map)) {
+    for (const TrajectoryKeyframe& keyframe : mapper->Trajectory(*map())) {
       EXPECT_TRUE(keyframe.located) << keyframe.direct_keyframe;
       estimated.push_back(keyframe.map_from_camera.translation());
       expected.push_back(truth[static_cast<std::size_t>(keyframe.direct_keyframe)].translation());
@@ -101,20 +105,20 @@ TEST(FeatureMapper, HoldsTheScaleAndFindsOldPointsAgain) {
   EXPECT_EQ(run.Count(FeatureState::kLost), 0);
   EXPECT_LT(run.Error(), 0.02) << "metres, on a circle of radius 0.9";
   EXPECT_NEAR(run.reports.back().map_per_direct / run.reports[4].map_per_direct, std::pow(2.0, 43.0 / kPackets), 0.15);
-  EXPECT_TRUE(run.map->CheckConsistency().ok()) << run.map->CheckConsistency();
-  EXPECT_GT(run.map->points().size(), 1000u);
-  EXPECT_LT(run.map->keyframes().size(), static_cast<std::size_t>(kPackets)) << "not everything is inserted";
+  EXPECT_TRUE(run.map()->CheckConsistency().ok()) << run.map()->CheckConsistency();
+  EXPECT_GT(run.map()->points().size(), 1000u);
+  EXPECT_LT(run.map()->keyframes().size(), static_cast<std::size_t>(kPackets)) << "not everything is inserted";
 
   KeyframeId last;
-  run.map->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) { last = keyframe->id; });
+  run.map()->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) { last = keyframe->id; });
   bool joined = false;
-  for (const map::CovisibilityEdge& edge : run.map->keyframe(last).covisible) joined |= edge.keyframe.value() <= 4;
+  for (const map::CovisibilityEdge& edge : run.map()->keyframe(last).covisible) joined |= edge.keyframe.value() <= 4;
   EXPECT_TRUE(joined) << "the circle is not joined";
 
   const double before = run.Error();
   ASSERT_TRUE(run.mapper->Finish().ok());
   EXPECT_LT(run.Error(), before + 0.002);
-  EXPECT_TRUE(run.map->CheckConsistency().ok()) << run.map->CheckConsistency();
+  EXPECT_TRUE(run.map()->CheckConsistency().ok()) << run.map()->CheckConsistency();
 }
 
 // Five seconds of blank walls at two keyframes a second: the direct module carries on, the feature module says that it
@@ -151,47 +155,163 @@ TEST(FeatureMapper, CarriesOnThroughFiveSecondsWithoutTexture) {
   // The part without a map rests on the odometry and on the relative scale known before it.
   EXPECT_LT(run.Error(), 0.12) << "metres on a way of 4.1, the lost keyframes among them";
   int roots = 0;
-  run.map->keyframes().ForEach([&](const auto& keyframe) { roots += keyframe->parent ? 0 : 1; });
+  run.map()->keyframes().ForEach([&](const auto& keyframe) { roots += keyframe->parent ? 0 : 1; });
   EXPECT_EQ(roots, 1) << "the new start is linked to the old map";
-  EXPECT_TRUE(run.map->CheckConsistency().ok()) << run.map->CheckConsistency();
+  EXPECT_TRUE(run.map()->CheckConsistency().ok()) << run.map()->CheckConsistency();
 }
 
-TEST(FeatureMapper, ExtendsAMapOnceLocatedInIt) {
-  const Room room;
-  PacketMaker packets(room);
-  // A vocabulary of the room itself.
-  std::vector<place::ImageDescriptors> images;
-  std::vector<direct::KeyframePacket> first;
-  for (int i = 0; i < 12; ++i) {
-    first.push_back(packets.Make(CirclePose(i / 44.0, 0.9), 1.0));
-    images.push_back(image::OrbExtractor(image::OrbParameters{}).Extract(first.back().frame.image, 400)->descriptors);
-  }
-  const auto vocabulary = place::Train(images, {.branching = 8, .depth = 3, .max_iterations = 4});
-  ASSERT_TRUE(vocabulary.ok()) << vocabulary.status();
-  TestRun old(SmallOptions(), nullptr, &*vocabulary);
-  for (int i = 0; i < 12; ++i) {
-    old.Process(first[static_cast<std::size_t>(i)], CirclePose(i / 44.0, 0.9));
-    if (HasFatalFailure()) return;
-  }
-  EXPECT_FALSE(old.map->keyframe(KeyframeId(1)).features->words.empty());
+// The room's own vocabulary, and packets of a first visit: a quarter round it.
+struct FirstVisit {
+  Room room;
+  PacketMaker packets{room};
+  std::vector<direct::KeyframePacket> made;
+  std::shared_ptr<const place::Vocabulary> vocabulary;
 
-  // Another session, elsewhere at first, in units of its own.
-  TestRun extended(SmallOptions(), old.map, &*vocabulary);
-  PacketMaker other(room, 7);
-  const std::size_t keyframes_before = extended.map->keyframes().size();
-  for (int i = 0; i < 14; ++i) {
-    const SE3 pose = CirclePose((i - 6) / 44.0, 0.85);
+  FirstVisit() {
+    std::vector<place::ImageDescriptors> images;
+    for (int i = 0; i < 12; ++i) {
+      made.push_back(packets.Make(CirclePose(i / 44.0, 0.9), 1.0));
+      images.push_back(image::OrbExtractor(image::OrbParameters{}).Extract(made.back().frame.image, 400)->descriptors);
+    }
+    auto trained = place::Train(images, {.branching = 8, .depth = 3, .max_iterations = 4});
+    EXPECT_TRUE(trained.ok()) << trained.status();
+    vocabulary = std::make_shared<const place::Vocabulary>(*std::move(trained));
+  }
+
+  void Map(TestRun* run) const {
+    for (int i = 0; i < 12; ++i) {
+      run->Process(made[static_cast<std::size_t>(i)], CirclePose(i / 44.0, 0.9));
+      if (HasFatalFailure()) return;
+    }
+  }
+  static bool HasFatalFailure() { return ::testing::Test::HasFatalFailure(); }
+};
+
+// Another session, elsewhere at first and in units of its own, maps into a component of its own, and is joined to what
+// it turns out to overlap.
+TEST(FeatureMapper, ASecondSessionIsJoinedWhereItOverlaps) {
+  const FirstVisit visit;
+  TestRun old(TestRun::MakeHead(visit.vocabulary.get()));
+  visit.Map(&old);
+  if (HasFatalFailure()) return;
+  EXPECT_FALSE(old.map()->keyframe(KeyframeId(1)).features->words.empty());
+  ASSERT_EQ(old.map()->LiveComponents().size(), 1u);
+  const std::size_t keyframes_before = old.map()->keyframes().size();
+
+  TestRun extended(old.head);
+  PacketMaker other(visit.room, 7);
+  auto joiner = ComponentJoiner::Create();
+  ASSERT_TRUE(joiner.ok());
+  std::optional<JoinReport> joined;
+  for (int i = 0; i < 18; ++i) {
+    const SE3 pose = CirclePose((i - 7) / 44.0, 0.85);
     extended.Process(other.Make(pose, 0.5), pose);
     if (HasFatalFailure()) return;
+    if (!extended.reports.back().inserted) continue;
+    const auto report = joiner->Process(extended.reports.back().keyframe, 0, *old.head);
+    ASSERT_TRUE(report.ok()) << report.status();
+    if (report->joined) joined = *report;
+    EXPECT_TRUE(old.map()->CheckConsistency().ok()) << old.map()->CheckConsistency();
   }
-  EXPECT_EQ(extended.reports[0].state, FeatureState::kInitializing);
-  EXPECT_FALSE(extended.reports[0].located);
-  bool relocated = false;
-  for (const KeyframeReport& report : extended.reports) relocated |= report.relocated;
-  EXPECT_TRUE(relocated);
+  EXPECT_TRUE(extended.reports[0].located) << "in its own component";
+  EXPECT_EQ(extended.reports[0].component, ComponentId(2));
+  ASSERT_TRUE(joined.has_value());
+  EXPECT_EQ(joined->component, ComponentId(2));
+  EXPECT_EQ(joined->into, ComponentId(1));
+  EXPECT_NEAR(joined->scale, 0.5, 0.02) << "metres per unit of the second session";
+  EXPECT_EQ(extended.mapper->component(), ComponentId(1));
+  EXPECT_EQ(extended.reports.back().component, ComponentId(1));
   EXPECT_EQ(extended.reports.back().state, FeatureState::kGood);
-  EXPECT_GT(extended.map->keyframes().size(), keyframes_before);
-  EXPECT_LT(extended.Error(), 0.02) << "the keyframes before are placed by scaled direct motion";
+  EXPECT_EQ(extended.map()->LiveComponents(), std::vector<ComponentId>{ComponentId(1)});
+  EXPECT_GT(extended.map()->keyframes().size(), keyframes_before);
+  EXPECT_LT(extended.Error(), 0.02) << "all keyframes, those before the join as well";
+  int shared = 0;
+  for (const auto& edge : extended.map()->keyframe(joined->current).covisible) {
+    shared += extended.map()->keyframe(edge.keyframe).session == old.session ? 1 : 0;
+  }
+  EXPECT_GT(shared, 0) << "points of both sessions have become one";
+}
+
+TEST(FeatureMapper, AnAlignedSideDoesNotMove) {
+  const FirstVisit visit;
+  TestRun old(TestRun::MakeHead(visit.vocabulary.get()));
+  visit.Map(&old);
+  if (HasFatalFailure()) return;
+  ASSERT_TRUE(old.mapper->Finish().ok());
+  map::Edit align(old.map());
+  map::Component component = old.map()->component(ComponentId(1));
+  component.world_from_component = Sim3();
+  align.PutComponent(component);
+  ASSERT_TRUE(old.head->Commit(align.Finish("align"), {}).ok());
+  const auto before = old.map();
+
+  TestRun extended(old.head);
+  PacketMaker other(visit.room, 8);
+  auto joiner = ComponentJoiner::Create();
+  for (int i = 0; i < 18; ++i) {
+    const SE3 pose = CirclePose((i - 2) / 44.0, 0.8);
+    extended.Process(other.Make(pose, 2.0), pose);
+    if (HasFatalFailure()) return;
+    if (!extended.reports.back().inserted) continue;
+    ASSERT_TRUE(joiner->Process(extended.reports.back().keyframe, 0, *old.head).ok());
+  }
+  ASSERT_TRUE(extended.mapper->Finish().ok());
+  ASSERT_EQ(extended.mapper->component(), ComponentId(1));
+  before->keyframes().ForEach([&](const auto& keyframe) {
+    const map::Keyframe* now = extended.map()->keyframes().Find(keyframe->id);
+    ASSERT_NE(now, nullptr);
+    EXPECT_EQ(now->camera_from_map.Matrix(), keyframe->camera_from_map.Matrix());
+  });
+  EXPECT_LT(extended.Error(), 0.02);
+}
+
+// Two rooms that have nothing in common.
+TEST(FeatureMapper, ASessionElsewhereStaysAComponentOfItsOwn) {
+  const FirstVisit visit;
+  TestRun old(TestRun::MakeHead(visit.vocabulary.get()));
+  visit.Map(&old);
+  if (HasFatalFailure()) return;
+  Room elsewhere;
+  elsewhere.half = {2.3, 1.9, 3.4};
+  elsewhere.salt = 77;
+  TestRun extended(old.head);
+  PacketMaker other(elsewhere, 9);
+  auto joiner = ComponentJoiner::Create();
+  for (int i = 0; i < 14; ++i) {
+    const SE3 pose = CirclePose(i / 44.0, 0.85);
+    extended.Process(other.Make(pose, 1.0), pose);
+    if (HasFatalFailure()) return;
+    if (!extended.reports.back().inserted) continue;
+    const auto report = joiner->Process(extended.reports.back().keyframe, 0, *old.head);
+    ASSERT_TRUE(report.ok()) << report.status();
+    EXPECT_FALSE(report->joined);
+  }
+  EXPECT_EQ(extended.map()->LiveComponents(), (std::vector<ComponentId>{ComponentId(1), ComponentId(2)}));
+  EXPECT_LT(extended.Error(), 0.02);
+}
+
+// After a loss the odometry begins anew in units of its own, in a place that is known: until depths have told the scale
+// there, nothing is put into the map by it.
+TEST(FeatureMapper, AScaleThatIsNotKnownIsNotUsed) {
+  const FirstVisit visit;
+  TestRun run(TestRun::MakeHead(visit.vocabulary.get()));
+  visit.Map(&run);
+  if (HasFatalFailure()) return;
+  PacketMaker anew(visit.room, 5);
+  for (int i = 0; i < 14; ++i) {
+    const SE3 pose = CirclePose((12 - i) / 44.0, 0.9);
+    direct::KeyframePacket packet = anew.Make(pose, 3.0, /*segment=*/1);
+    packet.keyframe += 12;
+    packet.frame.index += 60;
+    packet.frame.time_ns += 12 * anew.period_ns;
+    if (i < 3) packet.points.clear();  // no depths: the scale cannot be told
+    run.Process(packet, pose);
+    if (HasFatalFailure()) return;
+    EXPECT_FALSE(i < 3 && run.reports.back().inserted);
+  }
+  EXPECT_TRUE(run.reports[12].relocated || run.reports[13].relocated || run.reports[14].relocated);
+  EXPECT_NEAR(run.reports.back().map_per_direct / run.reports[11].map_per_direct, 3.0, 0.1);
+  EXPECT_LT(run.Error(), 0.02);
 }
 
 TEST(FeatureMapper, SaysWhatItWaitsForAndRefusesBadInput) {
@@ -203,7 +323,7 @@ TEST(FeatureMapper, SaysWhatItWaitsForAndRefusesBadInput) {
   run.Process(packets.Make(CirclePose(0.0, 0.9), 1.0), CirclePose(0.0, 0.9));
   EXPECT_EQ(run.reports[0].state, FeatureState::kInitializing);
   EXPECT_NE(run.reports[0].message.find("100 features"), std::string::npos) << run.reports[0].message;
-  EXPECT_EQ(run.commits, 0);
+  EXPECT_EQ(run.head->reasons.size(), 1u) << "the session alone";
 
   const auto code = [&](const direct::KeyframePacket& packet) { return run.mapper->Process(packet).status().code(); };
   direct::KeyframePacket packet = packets.Make(CirclePose(0.01, 0.9), 1.0);
@@ -218,19 +338,15 @@ TEST(FeatureMapper, SaysWhatItWaitsForAndRefusesBadInput) {
   EXPECT_EQ(code(bad), absl::StatusCode::kInvalidArgument);
   EXPECT_TRUE(run.mapper->Process(packet).ok()) << "nothing of the bad ones was kept";
 
-  const auto commit = [](map::Delta) -> absl::StatusOr<std::shared_ptr<const map::Snapshot>> {
-    return absl::ResourceExhaustedError("the disk is full");
-  };
   FeatureMapperOptions options;
   options.min_inliers = 1;
-  EXPECT_EQ(FeatureMapper::Create(options, run.map, run.session, run.camera, nullptr, commit).status().code(),
+  EXPECT_EQ(FeatureMapper::Create(options, run.head.get(), run.session, run.camera).status().code(),
             absl::StatusCode::kInvalidArgument);
-  EXPECT_EQ(FeatureMapper::Create({}, run.map, SessionId(9), run.camera, nullptr, commit).status().code(),
+  EXPECT_EQ(FeatureMapper::Create({}, run.head.get(), SessionId(9), run.camera).status().code(),
             absl::StatusCode::kInvalidArgument);
-  EXPECT_EQ(FeatureMapper::Create({}, nullptr, run.session, run.camera, nullptr, commit).status().code(),
-            absl::StatusCode::kInvalidArgument);
-  auto failing = FeatureMapper::Create(SmallOptions(), run.map, run.session, run.camera, nullptr, commit);
+  auto failing = FeatureMapper::Create(SmallOptions(), run.head.get(), run.session, run.camera);
   ASSERT_TRUE(failing.ok());
+  run.head->fail_with = absl::ResourceExhaustedError("the disk is full");
   const Room room;
   PacketMaker textured(room);
   EXPECT_EQ((*failing)->Process(textured.Make(CirclePose(0.0, 0.9), 1.0)).status().code(),

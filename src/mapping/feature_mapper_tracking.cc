@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/median.h"
 #include "map/lens.h"
 #include "mapping/feature_mapper_impl.h"
 #include "mapping/graph_distance.h"
@@ -15,8 +16,6 @@ constexpr int kTrustDepths = 10;
 // A search after a loss is this much wider than usual.
 constexpr double kWideSearch = 3.0;
 
-SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
-
 }  // namespace
 
 double MedianDirectDepth(std::span<const direct::PacketPoint> points) {
@@ -24,16 +23,15 @@ double MedianDirectDepth(std::span<const direct::PacketPoint> points) {
   for (const direct::PacketPoint& point : points) {
     if (point.inverse_depth > 0.0f && std::isfinite(point.inverse_depth)) depths.push_back(1.0 / point.inverse_depth);
   }
-  if (depths.empty()) return 1.0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  return depths.empty() ? 1.0 : Median(depths);
 }
 
 PoseSeed FeatureMapper::Impl::SeedPose(const direct::KeyframePacket& packet) const {
   const SE3 last_from_map = last_.reference_from_camera.Inverse() * map_->keyframe(last_.reference).camera_from_map;
   if (packet.segment != last_.segment) return PoseSeed{last_from_map};
   const SE3 camera_from_last = packet.direct_from_camera.Inverse() * last_.direct_from_camera;
+  // Without a scale only the turn is known.
+  if (!scale_.known()) return PoseSeed{SE3(camera_from_last.rotation(), Vector3d::Zero()) * last_from_map};
   const SE3 motion = Scaled(camera_from_last, scale_.scale());
   PoseSeed seed{motion * last_from_map};
   // Once the relative scale is known: how good direct odometry is from one keyframe to the next.
@@ -70,10 +68,11 @@ bool FeatureMapper::Impl::Track(const PoseSeed& seed, Current* current) {
 
 // Anywhere in the map; what it finds is refined like any other keyframe, from the pose found.
 absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
-  if (!places_) return false;
+  if (view_->places() == nullptr || !component_) return false;
   CpuStopwatch watch;
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
-                         relocalizer_.Relocalize(*map_, *places_, pinhole_, current->features->features));
+                         relocalizer_.Relocalize(*map_, *view_->places(), pinhole_, current->features->features,
+                                                 {.only = component_, .except = {}}));
   bool tracked = false;
   if (found.localized && MayGoOnAt(found.reference_keyframe, current->packet)) {
     std::vector<PointId> seen;
@@ -89,22 +88,28 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
   return tracked;
 }
 
-absl::StatusOr<std::optional<direct::KnownView>> FeatureMapper::Impl::Locate(const direct::Frame& frame) const {
-  if (!places_ || map_->keyframes().empty()) return std::nullopt;
+absl::StatusOr<std::optional<FeatureMapper::Found>> FeatureMapper::Impl::Locate(const direct::Frame& frame) const {
+  if (view_->places() == nullptr || map_->keyframes().empty()) return std::nullopt;
   CAIRN_ASSIGN_OR_RETURN(image::Features features, extractor_.Extract(frame.image, options_.max_features));
   const std::vector<image::Keypoint> seen_by_the_odometry = features.keypoints;
   map::CorrectKeypoints(map_->cameras().at(camera_), features.keypoints);
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
-                         relocalizer_.Relocalize(*map_, *places_, pinhole_, features));
+                         relocalizer_.Relocalize(*map_, *view_->places(), pinhole_, features));
   if (!found.localized) return std::nullopt;
   // Many more points are seen than those that told the place.
   const image::FeatureGrid grid(features.keypoints, pinhole_.width_px, pinhole_.height_px);
   std::vector<PointId> seen;
-  for (const auto& inlier : found.inliers) seen.push_back(inlier.point);
+  std::vector<double> depths;
+  for (const auto& inlier : found.inliers) {
+    seen.push_back(inlier.point);
+    depths.push_back((found.camera_from_map * map_->point(inlier.point).position).z());
+  }
   const TrackedKeyframe tracked = TrackKeyframe(*map_, {pinhole_, features, grid}, {found.camera_from_map}, seen,
-                                                found.reference_keyframe, median_depth_, 1.0, options_);
+                                                found.reference_keyframe, Median(depths), 1.0, options_);
   if (!tracked.tracked) return std::nullopt;
-  direct::KnownView view;
+  Found result;
+  result.component = map_->keyframe(found.reference_keyframe).component;
+  direct::KnownView& view = result.view;
   view.frame_index = frame.index;
   for (std::size_t i = 0; i < tracked.points.size(); ++i) {
     if (!tracked.points[i]) continue;
@@ -113,7 +118,7 @@ absl::StatusOr<std::optional<direct::KnownView>> FeatureMapper::Impl::Locate(con
     const image::Keypoint& keypoint = seen_by_the_odometry[i];
     view.points.push_back({keypoint.x_px, keypoint.y_px, static_cast<float>(1.0 / depth), 0.0f});
   }
-  return view;
+  return result;
 }
 
 // As long as odometry goes on, a place that is far away along the graph is one to which the camera has come back, or
@@ -155,25 +160,28 @@ std::vector<double> FeatureMapper::Impl::DepthRatios(const Current& current, std
 
 // The scale measured at this keyframe itself, or the running one.
 double FeatureMapper::Impl::UpdateScale(const Current& current) {
-  // A point of few observations may still have its depth from the direct module itself.
+  // A point of few observations may still have its depth from the direct module itself, of this segment's world or not.
   const auto from_depths = ScaleFromDepths(DepthRatios(current, 3));
   since_depths_ = from_depths ? 0 : since_depths_ + 1;
   // The alignment lags behind: only where depths have been missing for long.
   const bool align = since_depths_ > kTrustDepths || scale_.relative_sigma() == 0.0;
   scale_.Update(from_depths, align ? MeasureCentres(current) : std::nullopt);
+  if (!scale_.known()) return 0.0;
   return from_depths ? from_depths->scale : scale_.scale();
 }
 
 absl::Status FeatureMapper::Impl::Accept(Current* current) {
   const TrackedKeyframe& tracked = current->tracked;
-  if (last_.known && last_.segment != current->packet.segment) scale_.Reset(scale_.scale());
+  // Another world on the direct side: how large it is here has to be measured.
+  if (last_.known && last_.segment != current->packet.segment) scale_.Forget();
   state_ = tracked.inliers >= options_.poor_inliers ? FeatureState::kGood : FeatureState::kPoor;
   attempts_ = 0;
   if (tracked.median_depth > 0.0) median_depth_ = tracked.median_depth;
   const double map_per_direct = UpdateScale(*current);
   mapper_.CountVisible(tracked.visible, tracked.points);
   last_.points = tracked.points;
-  if (ShouldInsert(*current)) {
+  // Without a scale the depths of the direct module mean nothing here, and a keyframe would be placed by them.
+  if (map_per_direct > 0.0 && ShouldInsert(*current)) {
     const bool thin = tracked.inliers < options_.poor_inliers;
     inserted_inliers_ = tracked.inliers;
     CAIRN_RETURN_IF_ERROR(Insert(tracked.camera_from_map, map_per_direct, thin, tracked.reference, current));
@@ -195,14 +203,15 @@ absl::Status FeatureMapper::Impl::Lose(const SE3& guess, Current* current) {
     return absl::OkStatus();
   }
   if (attempts_ >= options_.max_attempts && current->num_depths >= options_.min_restart_points) {
-    double scale = scale_.scale();
-    if (current->packet.segment != last_.segment) {
-      // Nothing links the two worlds: as large as the scene was last.
-      scale = median_depth_ / MedianDirectDepth(current->packet.points);
-      scale_.Reset(scale);
-    }
     current->report.restarted = true;
-    return Start(guess, scale, last_.reference, current);
+    if (current->packet.segment == last_.segment && scale_.known()) {
+      return Start(guess, scale_.scale(), last_.reference, current);
+    }
+    // Nothing links the two worlds: a component of its own, about as large as the scene was last.
+    component_ = ComponentId();
+    const double scale = median_depth_ / MedianDirectDepth(current->packet.points);
+    scale_.Reset(scale);
+    return Start(SE3(), scale, KeyframeId(), current);
   }
   const KeyframeId reference = last_.reference;
   if (current->packet.segment == last_.segment) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <functional>
 
+#include "mapping/held.h"
 #include "optimization/bundle_adjustment.h"
 
 namespace cairn::mapping {
@@ -14,7 +15,7 @@ struct Built {
   std::vector<PointId> points;        // per point
 };
 
-Built Build(const map::Snapshot& map) {
+Built Build(const map::Snapshot& map, ComponentId component, SessionId session) {
   Built built;
   std::unordered_map<CameraId, std::uint32_t> camera_of;
   for (const auto& [id, camera] : map.cameras()) {
@@ -23,12 +24,14 @@ Built Build(const map::Snapshot& map) {
   }
   std::unordered_map<KeyframeId, std::uint32_t> pose_of;
   map.keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+    if (keyframe->component != component) return;
     pose_of[keyframe->id] = static_cast<std::uint32_t>(built.keyframes.size());
     built.keyframes.push_back(keyframe->id);
-    built.problem.poses.push_back({keyframe->camera_from_map, camera_of.at(keyframe->camera), !keyframe->parent});
+    const bool stays = !keyframe->parent || (session && IsHeld(map, *keyframe, session));
+    built.problem.poses.push_back({keyframe->camera_from_map, camera_of.at(keyframe->camera), stays});
   });
   map.points().ForEach([&](const std::shared_ptr<const map::MapPoint>& point) {
-    if (point->observations.size() < 2) return;
+    if (point->observations.size() < 2 || !pose_of.contains(point->reference.keyframe)) return;
     const auto index = static_cast<std::uint32_t>(built.points.size());
     built.points.push_back(point->id);
     built.problem.points.push_back(point->position);
@@ -51,11 +54,13 @@ absl::Status FullAdjustmentOptions::Validate() const {
   return absl::OkStatus();
 }
 
-absl::StatusOr<FullAdjustment> ComputeFullAdjustment(const map::Snapshot& map, const FullAdjustmentOptions& options) {
+absl::StatusOr<FullAdjustment> ComputeFullAdjustment(const map::Snapshot& map, ComponentId component,
+                                                     const FullAdjustmentOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
-  const Built built = Build(map);
+  const Built built = Build(map, component, options.session);
   if (built.keyframes.size() < 2 || built.points.empty()) {
-    return absl::FailedPreconditionError("full adjustment: the map has fewer than two keyframes that share points");
+    return absl::FailedPreconditionError(
+        "full adjustment: the component has fewer than two keyframes that share points");
   }
   optimization::BundleAdjustmentOptions adjustment;
   adjustment.first_iterations = options.first_iterations;

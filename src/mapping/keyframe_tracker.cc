@@ -5,7 +5,9 @@
 #include <numbers>
 #include <unordered_map>
 #include <unordered_set>
+#include <utility>
 
+#include "base/median.h"
 #include "mapping/graph_distance.h"
 #include "optimization/pose_refinement.h"
 #include "tracking/local_map.h"
@@ -78,10 +80,7 @@ double MedianDepth(const SE3& camera_from_map, std::span<const map::MapPoint* co
                    std::span<const tracking::PointMatch> inliers) {
   std::vector<double> depths;
   for (const auto& match : inliers) depths.push_back((camera_from_map * points[match.point]->position).z());
-  if (depths.empty()) return 0.0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  return Median(std::move(depths));
 }
 
 KeyframeId MostSharing(std::span<const map::MapPoint* const> points, std::span<const tracking::PointMatch> inliers) {

@@ -8,8 +8,6 @@
 namespace cairn::mapping {
 namespace {
 
-SE3 Scaled(const SE3& motion, double scale) { return {motion.rotation(), scale * motion.translation()}; }
-
 // Pose of a camera at `from` moved by the direct motion to `to`.
 SE3 Carry(const TrajectoryKeyframe& from, const SE3& direct_from_camera, double scale) {
   return from.map_from_camera * Scaled(from.direct_from_camera.Inverse() * direct_from_camera, scale);
@@ -151,7 +149,7 @@ std::vector<TrajectoryKeyframe> KeyframeTrajectory::Resolve(const map::Snapshot&
   return resolved;
 }
 
-std::optional<SE3> FramePose(const std::vector<TrajectoryKeyframe>& keyframes, const direct::FrameResult& frame) {
+std::optional<SE3> PoseOfFrame(const std::vector<TrajectoryKeyframe>& keyframes, const direct::FrameResult& frame) {
   if (frame.keyframe < 0) return std::nullopt;
   const auto at = std::lower_bound(keyframes.begin(), keyframes.end(), frame.keyframe,
                                    [](const TrajectoryKeyframe& k, std::int64_t id) { return k.direct_keyframe < id; });

@@ -73,6 +73,6 @@ class KeyframeTrajectory {
 // The pose in the map of any frame of the direct module, from the resolved keyframes (in temporal order): by scaled
 // motion from its reference keyframe, with the difference that this leaves at the next keyframe of the segment spread
 // evenly over the time between. Nothing if the frame has no reference keyframe, or that is not located.
-std::optional<SE3> FramePose(const std::vector<TrajectoryKeyframe>& keyframes, const direct::FrameResult& frame);
+std::optional<SE3> PoseOfFrame(const std::vector<TrajectoryKeyframe>& keyframes, const direct::FrameResult& frame);
 
 }  // namespace cairn::mapping

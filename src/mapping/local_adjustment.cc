@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "mapping/adjustment_problem.h"
+#include "mapping/held.h"
 
 namespace cairn::mapping {
 namespace {
@@ -42,11 +43,12 @@ void Store(const AdjustmentProblem& built, const optimization::BundleResult& res
 
 }  // namespace
 
-std::vector<KeyframeId> KeyframesToAdjust(const map::Edit& edit, KeyframeId keyframe, int max_count) {
+std::vector<KeyframeId> KeyframesToAdjust(const map::Edit& edit, KeyframeId keyframe, int max_count,
+                                          SessionId session) {
   std::vector<KeyframeId> free = {keyframe};
   for (const map::CovisibilityEdge& edge : edit.keyframe(keyframe).covisible) {
     if (static_cast<int>(free.size()) >= max_count || edge.shared_points < map::kMinCovisiblePoints) break;
-    free.push_back(edge.keyframe);
+    if (!IsHeld(edit, edit.keyframe(edge.keyframe), session)) free.push_back(edge.keyframe);
   }
   std::sort(free.begin(), free.end());
   return free;

@@ -53,8 +53,9 @@ struct LocalAdjustmentReport {
   double rotation_noise_rad = 0.0;  // of one step of the rotations, per axis; 0: none took part
 };
 
-// The new keyframe and its best covisible neighbours, at most `max_count`.
-std::vector<KeyframeId> KeyframesToAdjust(const map::Edit& edit, KeyframeId keyframe, int max_count);
+// The new keyframe and its best covisible neighbours, at most `max_count`, without those held against `session`
+// (mapping/held.h).
+std::vector<KeyframeId> KeyframesToAdjust(const map::Edit& edit, KeyframeId keyframe, int max_count, SessionId session);
 
 // `free` are the keyframes to move. If no other keyframe sees their points, the oldest of them is held: it anchors the
 // map. Observations that turn out wrong are removed, points with fewer than two left are erased.

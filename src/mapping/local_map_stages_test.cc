@@ -164,7 +164,7 @@ TEST(LocalAdjustment, RepairsADisturbedKeyframeAndDropsWrongObservations) {
   ASSERT_LT(b, points.size()) << "a feature without a point";
   edit.RemoveObservation(points[a], KeyframeId(6));
   ASSERT_TRUE(edit.AddObservation(points[a], KeyframeId(6), b));
-  const auto report = AdjustKeyframes(edit, KeyframesToAdjust(edit, KeyframeId(6), 2));
+  const auto report = AdjustKeyframes(edit, KeyframesToAdjust(edit, KeyframeId(6), 2, SessionId(1)));
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_TRUE(report->adjusted);
   EXPECT_EQ(report->keyframes, 2);
@@ -246,7 +246,7 @@ TEST(Culling, ClutterIsWhatIsRarelyFoundWhereItWasOftenToBeSeen) {
   for (const PointId id : world.snapshot->keyframe(KeyframeId(1)).points) {
     if (id) points.push_back(id);
   }
-  LocalMapper mapper(options, [](const map::Edit&, const map::Keyframe&, const map::Keyframe&) {});
+  LocalMapper mapper(options, SessionId(1), [](const map::Edit&, const map::Keyframe&, const map::Keyframe&) {});
   const std::vector<PointId> found(points.begin() + 1, points.end());
   for (int i = 0; i < 2 * options.judged_after; ++i) mapper.CountVisible(points, found);
   InsertionRequest request;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "mapping/held.h"
 #include "mapping/new_points.h"
 #include "mapping/point_fusion.h"
 #include "mapping/stopwatch.h"
@@ -93,7 +94,8 @@ absl::Status LocalMapper::Adjust(map::Edit& edit, InsertionReport* report) {
   adjustment.first_iterations = options_.first_iterations * (young ? 3 : 1);
   adjustment.second_iterations = options_.second_iterations * (young ? 3 : 1);
   adjustment.max_fixed_keyframes = options_.max_fixed_keyframes;
-  const std::vector<KeyframeId> free = KeyframesToAdjust(edit, report->keyframe, options_.max_adjusted_keyframes);
+  const std::vector<KeyframeId> free =
+      KeyframesToAdjust(edit, report->keyframe, options_.max_adjusted_keyframes, session_);
   auto adjusted = AdjustKeyframes(edit, free, adjustment);
   // A solver that finds no better answer leaves the map as it was: no reason to stop mapping.
   if (!adjusted.ok() && absl::IsInternal(adjusted.status())) return absl::OkStatus();
@@ -109,6 +111,7 @@ void LocalMapper::Cull(map::Edit& edit, InsertionReport* report) {
     // The newest are still gaining points.
     if (id.value() + static_cast<KeyframeId::Value>(options_.young_keyframes) >= report->keyframe.value()) return false;
     const map::Keyframe culled = edit.keyframe(id);
+    if (IsHeld(edit, culled, session_)) return false;
     on_cull_(edit, culled, edit.keyframe(culled.parent));
     return edit.EraseKeyframe(id);
   });

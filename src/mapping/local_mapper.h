@@ -47,7 +47,9 @@ class LocalMapper {
   // Called before a keyframe leaves the map, with its heir.
   using OnCull = std::function<void(const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir)>;
 
-  LocalMapper(const FeatureMapperOptions& options, OnCull on_cull) : options_(options), on_cull_(std::move(on_cull)) {}
+  // `session`: whose keyframes are inserted; what others have made of an aligned component stays (mapping/held.h).
+  LocalMapper(const FeatureMapperOptions& options, SessionId session, OnCull on_cull)
+      : options_(options), session_(session), on_cull_(std::move(on_cull)) {}
 
   // Counts for the points' found ratios; they reach the map with the next insertion.
   void CountVisible(std::span<const PointId> visible, std::span<const PointId> found);
@@ -64,6 +66,7 @@ class LocalMapper {
   void Cull(map::Edit& edit, InsertionReport* report);
 
   const FeatureMapperOptions options_;
+  const SessionId session_;
   OnCull on_cull_;
   GridCache grids_;
   PointCuller culler_;

@@ -33,20 +33,17 @@ absl::StatusOr<LoopCloser> LoopCloser::Create(const LoopOptions& options) {
   return LoopCloser(options);
 }
 
-absl::StatusOr<LoopReport> LoopCloser::Process(std::shared_ptr<const map::Snapshot> map,
-                                               const tracking::PlaceDatabase& places, KeyframeId keyframe,
-                                               const Commit& commit) {
-  if (places.revision() != map->revision()) {
-    return absl::FailedPreconditionError(absl::StrCat("loop closing: the place database is of revision ",
-                                                      places.revision(), ", the map of ", map->revision()));
-  }
+absl::StatusOr<LoopReport> LoopCloser::Process(KeyframeId keyframe, MapHead& head) {
+  const std::shared_ptr<const tracking::MapView> view = head.View();
+  const std::shared_ptr<const map::Snapshot>& map = view->snapshot();
+  if (view->places() == nullptr) return absl::FailedPreconditionError("loop closing: the map has no vocabulary");
   if (!map->keyframes().Contains(keyframe)) {
     return absl::NotFoundError(absl::StrCat("loop closing: the map has no keyframe ", keyframe.value()));
   }
   LoopReport report;
   report.current = keyframe;
   Stopwatch watch;
-  const std::vector<KeyframeId> candidates = detector_.Detect(*map, places, keyframe);
+  const std::vector<KeyframeId> candidates = detector_.Detect(*map, *view->places(), keyframe);
   report.detect_ms = watch.LapMs();
   std::optional<Loop> loop;
   for (const KeyframeId candidate : candidates) {
@@ -65,9 +62,10 @@ absl::StatusOr<LoopReport> LoopCloser::Process(std::shared_ptr<const map::Snapsh
   }
   CAIRN_RETURN_IF_ERROR(correction.status());
   NoteInSession(*map, *loop, report.evidence, &edit);
+  edit.SetSession(map->keyframe(keyframe).session);
   map::Delta delta = edit.Finish(absl::StrCat("close loop ", keyframe.value(), "-", loop->loop.value()));
   report.correct_ms = watch.LapMs();
-  CAIRN_RETURN_IF_ERROR(commit(std::move(delta), correction->scales).status());
+  CAIRN_RETURN_IF_ERROR(head.Commit(std::move(delta), correction->scales));
   report.commit_ms = watch.LapMs();
   report.closed = true;
   report.loop = loop->loop;

@@ -5,17 +5,12 @@
 // Owns no threads; call it from the mapping thread. Deterministic.
 #pragma once
 
-#include <functional>
-#include <memory>
-
 #include "base/status.h"
-#include "map/delta.h"
-#include "map/snapshot.h"
 #include "mapping/loop_correction.h"
 #include "mapping/loop_detector.h"
 #include "mapping/loop_options.h"
 #include "mapping/loop_verification.h"
-#include "tracking/place_database.h"
+#include "mapping/map_head.h"
 
 namespace cairn::mapping {
 
@@ -34,18 +29,12 @@ struct LoopReport {
 
 class LoopCloser {
  public:
-  // Applies a change, tells everyone who keeps lengths of the map how these have changed, and returns the map after it.
-  using Commit = std::function<absl::StatusOr<std::shared_ptr<const map::Snapshot>>(map::Delta delta,
-                                                                                    const KeyframeScales& scales)>;
-
   // InvalidArgument for bad options.
   static absl::StatusOr<LoopCloser> Create(const LoopOptions& options = {});
 
-  // To be called for each keyframe inserted, newest last. `places` must be of the revision of `map` (and may be brought
-  // to the next one by `commit`); FailedPrecondition if not, NotFound if the map does not have the keyframe. A
-  // correction that cannot be solved is not made.
-  absl::StatusOr<LoopReport> Process(std::shared_ptr<const map::Snapshot> map, const tracking::PlaceDatabase& places,
-                                     KeyframeId keyframe, const Commit& commit);
+  // To be called for each keyframe inserted, newest last, while the head is the caller's. FailedPrecondition without a
+  // vocabulary, NotFound if the map does not have the keyframe. A correction that cannot be solved is not made.
+  absl::StatusOr<LoopReport> Process(KeyframeId keyframe, MapHead& head);
 
   int loops_closed() const { return loops_closed_; }
 

@@ -22,10 +22,6 @@ struct Round {
   int keyframes = 0;
 };
 
-LoopCloser::Commit CommitTo(Ring* ring) {
-  return [ring](map::Delta delta, const KeyframeScales&) { return ring->Commit(delta); };
-}
-
 // Goes round until a loop is closed, or the given number of keyframes has been inserted.
 Round GoRound(Ring* ring, int max_keyframes) {
   Round run;
@@ -34,7 +30,7 @@ Round GoRound(Ring* ring, int max_keyframes) {
   for (run.keyframes = 1; run.keyframes <= max_keyframes; ++run.keyframes) {
     const KeyframeId keyframe = ring->AddKeyframe();
     if (run.keyframes > 80) run.error_before = ring->Error();
-    auto report = closer->Process(ring->map(), ring->places(), keyframe, CommitTo(ring));
+    auto report = closer->Process(keyframe, ring->head());
     EXPECT_TRUE(report.ok()) << report.status();
     if (!report.ok()) return run;
     run.report = *std::move(report);
@@ -116,10 +112,9 @@ TEST(LoopCloser, RejectsWhatDoesNotFit) {
   const KeyframeId keyframe = ring.AddKeyframe();
   auto closer = LoopCloser::Create();
   ASSERT_TRUE(closer.ok());
-  const auto before = ring.map();
-  EXPECT_TRUE(absl::IsNotFound(closer->Process(before, ring.places(), KeyframeId(99), CommitTo(&ring)).status()));
-  ring.AddKeyframe();
-  EXPECT_TRUE(absl::IsFailedPrecondition(closer->Process(before, ring.places(), keyframe, CommitTo(&ring)).status()));
+  EXPECT_TRUE(absl::IsNotFound(closer->Process(KeyframeId(99), ring.head()).status()));
+  testing::TestHead without_vocabulary(ring.map());
+  EXPECT_TRUE(absl::IsFailedPrecondition(closer->Process(keyframe, without_vocabulary).status()));
   LoopOptions options;
   options.min_cells = 0;
   EXPECT_TRUE(absl::IsInvalidArgument(LoopCloser::Create(options).status()));
@@ -172,7 +167,7 @@ TEST(FullAdjustment, ImprovesTheClosedLoopAndMergesWithWhatCameSince) {
   Ring ring;
   ASSERT_TRUE(GoRound(&ring, 110).report.closed);
   const double before = ring.Error();
-  const auto adjustment = ComputeFullAdjustment(*ring.map());
+  const auto adjustment = ComputeFullAdjustment(*ring.map(), ComponentId(1));
   ASSERT_TRUE(adjustment.ok()) << adjustment.status();
   EXPECT_FALSE(adjustment->interrupted);
   EXPECT_LT(adjustment->rmse, 1.5);
@@ -189,12 +184,12 @@ TEST(FullAdjustment, ImprovesTheClosedLoopAndMergesWithWhatCameSince) {
   for (std::uint32_t i = 0; i < points.size(); ++i) {
     if (points[i]) more.AddObservation(points[i], added, i);
   }
-  ASSERT_TRUE(ring.Commit(more.Finish("meanwhile")).ok());
+  ASSERT_TRUE(ring.head().Commit(more.Finish("meanwhile"), {}).ok());
   ASSERT_EQ(ring.map()->keyframe(added).parent, parent);
 
   map::Edit edit(ring.map());
   MergeFullAdjustment(*adjustment, edit);
-  ASSERT_TRUE(ring.Commit(edit.Finish("full bundle adjustment")).ok());
+  ASSERT_TRUE(ring.head().Commit(edit.Finish("full bundle adjustment"), {}).ok());
   EXPECT_TRUE(ring.map()->CheckConsistency().ok()) << ring.map()->CheckConsistency();
   const SE3 moved =
       ring.map()->keyframe(added).camera_from_map * ring.map()->keyframe(parent).camera_from_map.Inverse();
@@ -208,13 +203,13 @@ TEST(FullAdjustment, StopsWhenAsked) {
   std::atomic<bool> stop = true;
   FullAdjustmentOptions options;
   options.stop = &stop;
-  const auto stopped = ComputeFullAdjustment(*ring.map(), options);
+  const auto stopped = ComputeFullAdjustment(*ring.map(), ComponentId(1), options);
   ASSERT_TRUE(stopped.ok()) << stopped.status();
   EXPECT_TRUE(stopped->interrupted);
   EXPECT_TRUE(stopped->camera_from_map.empty());
-  EXPECT_TRUE(absl::IsFailedPrecondition(ComputeFullAdjustment(*map::Snapshot::Empty({})).status()));
+  EXPECT_TRUE(absl::IsFailedPrecondition(ComputeFullAdjustment(*map::Snapshot::Empty({}), ComponentId(1)).status()));
   options.first_iterations = 0;
-  EXPECT_TRUE(absl::IsInvalidArgument(ComputeFullAdjustment(*ring.map(), options).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(ComputeFullAdjustment(*ring.map(), ComponentId(1), options).status()));
 }
 
 }  // namespace

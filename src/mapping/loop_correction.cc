@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <map>
 #include <set>
+#include <utility>
 
+#include "base/dense_ids.h"
+#include "base/median.h"
 #include "mapping/grid_cache.h"
+#include "mapping/held.h"
 #include "mapping/point_fusion.h"
 #include "optimization/pose_graph.h"
 
@@ -12,9 +16,17 @@ namespace cairn::mapping {
 namespace {
 
 using optimization::PoseGraphProblem;
+using EssentialEdges = std::map<std::pair<KeyframeId, KeyframeId>, double>;  // with weights
 
-SE3 RigidPart(const Sim3& camera_from_map) {
-  return {camera_from_map.rotation(), camera_from_map.translation() / camera_from_map.scale()};
+std::vector<PointId> PointsOf(const map::Edit& edit, std::span<const KeyframeId> keyframes) {
+  std::vector<PointId> points;
+  for (const KeyframeId id : keyframes) {
+    for (const PointId point : edit.keyframe(id).points) {
+      if (point) points.push_back(point);
+    }
+  }
+  SortUnique(&points);
+  return points;
 }
 
 class Corrector {
@@ -56,44 +68,12 @@ class Corrector {
     for (const auto& [point, by] : moved_by_) edit_.UpdatePoint(point);
   }
 
-  std::vector<PointId> PointsOf(std::span<const KeyframeId> keyframes) const {
-    std::vector<PointId> points;
-    for (const KeyframeId id : keyframes) {
-      for (const PointId point : edit_.keyframe(id).points) {
-        if (point) points.push_back(point);
-      }
-    }
-    std::sort(points.begin(), points.end());
-    points.erase(std::unique(points.begin(), points.end()), points.end());
-    return points;
-  }
-
   void Fuse() {
-    for (const LoopMatch& match : loop_.matches) {
-      if (edit_.FindPoint(match.point) == nullptr) continue;
-      const PointId own = edit_.keyframe(loop_.current).points[match.feature];
-      if (own == match.point) continue;
-      if (own) {
-        edit_.FusePoints(own, match.point);
-        ++result_.fused_points;
-      } else {
-        result_.added_observations += edit_.AddObservation(match.point, loop_.current, match.feature) ? 1 : 0;
-      }
-    }
-    FusionOptions fusion;
-    fusion.radius_px = options_.fusion_radius_px;
-    fusion.extra_sigma_px = options_.fusion_extra_sigma_px;
-    GridCache grids;
-    const auto fuse_into = [&](KeyframeId id, std::span<const PointId> points) {
-      const FusionCounts counts = FuseInto(edit_, id, points, grids, fusion);
-      result_.fused_points += counts.fused;
-      result_.added_observations += counts.observations;
-    };
     std::vector<KeyframeId> neighbourhood;
     for (const auto& [id, camera_from_map] : corrected_) neighbourhood.push_back(id);
-    const std::vector<PointId> there = PointsOf(loop_.loop_side), here = PointsOf(neighbourhood);
-    for (const KeyframeId id : neighbourhood) fuse_into(id, there);
-    for (const KeyframeId id : loop_.loop_side) fuse_into(id, here);
+    const FusedSides fused = FuseSides(loop_, neighbourhood, loop_.loop_side, options_, edit_);
+    result_.fused_points = fused.points;
+    result_.added_observations = fused.observations;
   }
 
   // What fusion has linked across the loop.
@@ -111,31 +91,50 @@ class Corrector {
     }
   }
 
-  // The spanning tree, strong covisibility as it was before, earlier loops: each pair once.
-  std::set<std::pair<KeyframeId, KeyframeId>> EssentialEdges() const {
-    std::set<std::pair<KeyframeId, KeyframeId>> edges;
-    const auto add = [&edges](KeyframeId a, KeyframeId b) { edges.emplace(std::min(a, b), std::max(a, b)); };
+  // The spanning tree, strong covisibility as it was before, earlier loops: each pair once, with its weight. A link of
+  // the tree without shared points is no measurement of features: mapping began anew there, by the odometry's word.
+  EssentialEdges Essential() const {
+    EssentialEdges edges;
+    const auto add = [&edges](KeyframeId a, KeyframeId b, double weight) {
+      double& known = edges[{std::min(a, b), std::max(a, b)}];
+      known = std::max(known, weight);
+    };
     base_.keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
-      if (keyframe->parent) add(keyframe->id, keyframe->parent);
+      if (keyframe->parent) {
+        const bool shares = std::ranges::find(keyframe->covisible, keyframe->parent,
+                                              &map::CovisibilityEdge::keyframe) != keyframe->covisible.end();
+        add(keyframe->id, keyframe->parent, shares ? 1.0 : options_.restart_edge_weight);
+      }
       for (const map::CovisibilityEdge& edge : keyframe->covisible) {
         if (edge.shared_points < map::kMinEssentialPoints) break;
-        add(keyframe->id, edge.keyframe);
+        add(keyframe->id, edge.keyframe, 1.0);
       }
     });
-    for (const auto& [a, b] : earlier_) {
-      if (base_.keyframes().Contains(a) && base_.keyframes().Contains(b)) add(a, b);
+    for (const LoopEdges& known : {earlier_, KnownLoopEdges(base_)}) {
+      for (const auto& [a, b] : known) {
+        if (base_.keyframes().Contains(a) && base_.keyframes().Contains(b)) add(a, b, 1.0);
+      }
     }
     return edges;
   }
 
+  // What stays where it is: the loop keyframe, and what is held unless the loop is one inside it.
+  bool Stays(KeyframeId id) const {
+    if (id == loop_.loop) return true;
+    const SessionId session = base_.keyframe(loop_.current).session;
+    const auto held = [&](KeyframeId keyframe) { return IsHeld(base_, base_.keyframe(keyframe), session); };
+    if (!held(id)) return false;
+    return std::ranges::none_of(corrected_, [&](const auto& moved) { return held(moved.first); });
+  }
+
   // Only what hangs together with the loop keyframe takes part.
-  void ChooseKeyframes(const std::set<std::pair<KeyframeId, KeyframeId>>& edges) {
+  void ChooseKeyframes(const EssentialEdges& edges) {
     std::unordered_map<KeyframeId, std::vector<KeyframeId>> linked;
     const auto link = [&linked](KeyframeId a, KeyframeId b) {
       linked[a].push_back(b);
       linked[b].push_back(a);
     };
-    for (const auto& [a, b] : edges) link(a, b);
+    for (const auto& [pair, weight] : edges) link(pair.first, pair.second);
     for (const auto& [a, b] : result_.new_edges) link(a, b);
     std::set<KeyframeId> reached = {loop_.loop};
     std::vector<KeyframeId> open = {loop_.loop};
@@ -159,10 +158,7 @@ class Corrector {
     for (const PointId point : loop.points) {
       if (point) distances.push_back((loop.camera_from_map * base_.point(point).position).norm());
     }
-    if (distances.empty()) return 1.0;
-    const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-    std::nth_element(distances.begin(), middle, distances.end());
-    return *middle;
+    return distances.empty() ? 1.0 : Median(std::move(distances));
   }
 
   Sim3 Start(KeyframeId id) const {
@@ -171,13 +167,14 @@ class Corrector {
   }
 
   absl::Status Spread() {
-    const auto edges = EssentialEdges();
+    const EssentialEdges edges = Essential();
     ChooseKeyframes(edges);
     PoseGraphProblem problem;
-    for (const KeyframeId id : keyframes_) problem.nodes.push_back({Start(id), id == loop_.loop});
-    for (const auto& [a, b] : edges) {
+    for (const KeyframeId id : keyframes_) problem.nodes.push_back({Start(id), Stays(id)});
+    for (const auto& [pair, weight] : edges) {
+      const auto& [a, b] = pair;
       if (!node_of_.contains(a)) continue;
-      problem.edges.push_back({node_of_.at(a), node_of_.at(b), Before(b) * Before(a).Inverse(), 1.0});
+      problem.edges.push_back({node_of_.at(a), node_of_.at(b), Before(b) * Before(a).Inverse(), weight});
     }
     for (const auto& [a, b] : result_.new_edges) {
       problem.edges.push_back(
@@ -226,6 +223,49 @@ class Corrector {
 };
 
 }  // namespace
+
+FusedSides FuseSides(const Loop& loop, std::span<const KeyframeId> here, std::span<const KeyframeId> there,
+                     const LoopOptions& options, map::Edit& edit) {
+  FusedSides fused;
+  for (const LoopMatch& match : loop.matches) {
+    if (edit.FindPoint(match.point) == nullptr) continue;
+    const PointId own = edit.keyframe(loop.current).points[match.feature];
+    if (own == match.point) continue;
+    if (own) {
+      edit.FusePoints(own, match.point);
+      ++fused.points;
+    } else {
+      fused.observations += edit.AddObservation(match.point, loop.current, match.feature) ? 1 : 0;
+    }
+  }
+  FusionOptions fusion;
+  fusion.radius_px = options.fusion_radius_px;
+  fusion.extra_sigma_px = options.fusion_extra_sigma_px;
+  GridCache grids;
+  const auto fuse_into = [&](KeyframeId id, std::span<const PointId> points) {
+    const FusionCounts counts = FuseInto(edit, id, points, grids, fusion);
+    fused.points += counts.fused;
+    fused.observations += counts.observations;
+  };
+  const std::vector<PointId> of_there = PointsOf(edit, there), of_here = PointsOf(edit, here);
+  for (const KeyframeId id : here) fuse_into(id, of_there);
+  for (const KeyframeId id : there) fuse_into(id, of_here);
+  return fused;
+}
+
+LoopEdges KnownLoopEdges(const map::Snapshot& map) {
+  LoopEdges edges;
+  const auto add = [&](KeyframeId a, KeyframeId b) {
+    if (map.keyframes().Contains(a) && map.keyframes().Contains(b)) edges.emplace_back(a, b);
+  };
+  for (const auto& [id, session] : map.sessions()) {
+    for (const map::ClosedLoop& loop : session.loops) add(loop.keyframe, loop.loop_keyframe);
+  }
+  for (const auto& [id, component] : map.components()) {
+    if (component.joined) add(component.joined->keyframe, component.joined->into_keyframe);
+  }
+  return edges;
+}
 
 absl::StatusOr<LoopCorrection> CorrectLoop(const Loop& loop, const LoopEdges& earlier, const LoopOptions& options,
                                            map::Edit& edit) {

@@ -60,7 +60,7 @@ void LoopDetector::Reset() {
   since_loop_ = 0;
 }
 
-std::vector<KeyframeId> LoopDetector::Detect(const map::Snapshot& map, const tracking::PlaceDatabase& places,
+std::vector<KeyframeId> LoopDetector::Detect(const map::Snapshot& map, const tracking::PlaceIndex& places,
                                              KeyframeId keyframe_id) {
   ++since_loop_;
   const map::Keyframe& keyframe = map.keyframe(keyframe_id);
@@ -68,6 +68,8 @@ std::vector<KeyframeId> LoopDetector::Detect(const map::Snapshot& map, const tra
   place::QueryOptions everything;
   everything.min_common_share = 0.0;
   everything.max_results = 0;
+  // Other components have frames of their own (mapping/component_join.h).
+  everything.exclude = [&](std::uint32_t id) { return map.keyframe(KeyframeId(id)).component != keyframe.component; };
   const auto scored = places.Query(places.Transform(keyframe.descriptors()).bow, everything);
 
   // As alike as the least alike of those that are known to see the same.

@@ -8,7 +8,7 @@
 
 #include "map/snapshot.h"
 #include "mapping/loop_options.h"
-#include "tracking/place_database.h"
+#include "tracking/place_index.h"
 
 namespace cairn::mapping {
 
@@ -18,7 +18,7 @@ class LoopDetector {
 
   // Candidates for `keyframe`, the newest one inserted, best first; to be called once for each. `places` is of the same
   // revision as `map`.
-  std::vector<KeyframeId> Detect(const map::Snapshot& map, const tracking::PlaceDatabase& places, KeyframeId keyframe);
+  std::vector<KeyframeId> Detect(const map::Snapshot& map, const tracking::PlaceIndex& places, KeyframeId keyframe);
 
   // After a loop: what was found before does not count.
   void Reset();

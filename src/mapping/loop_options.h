@@ -48,7 +48,8 @@ struct LoopOptions {
   // Correction.
   double fusion_radius_px = 4.0;
   double fusion_extra_sigma_px = 1.5;  // of the similarity, seen in the neighbours
-  double loop_edge_weight = 5.0;       // in the pose graph, where all others have 1
+  double loop_edge_weight = 5.0;       // in the pose graph, where all others have 1 ...
+  double restart_edge_weight = 0.05;   // ... but those across which nothing is shared
   int pose_graph_iterations = 30;
 
   absl::Status Validate() const;

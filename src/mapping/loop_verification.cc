@@ -5,7 +5,9 @@
 #include <numbers>
 #include <unordered_map>
 #include <unordered_set>
+#include <utility>
 
+#include "base/median.h"
 #include "mapping/grid_cache.h"
 #include "optimization/sim3_refinement.h"
 #include "tracking/local_map.h"
@@ -19,11 +21,6 @@ using optimization::Sim3Match;
 constexpr int kCells = 8;
 constexpr double kSampleTolerance = 9.0;  // of chi-square: three times the distance
 constexpr double kDegPerRad = 180.0 / std::numbers::pi;
-
-// The camera that sees the map through a similarity: the image does not depend on the scale.
-SE3 RigidPart(const Sim3& camera_from_map) {
-  return {camera_from_map.rotation(), camera_from_map.translation() / camera_from_map.scale()};
-}
 
 // The features of a keyframe that observe a point.
 struct WithPoints {
@@ -55,7 +52,8 @@ class Verifier {
         options_(options),
         evidence_(*evidence) {}
 
-  std::optional<Loop> Run() {
+  // `given`: matches with points on the loop's side; null: to be found by descriptors.
+  std::optional<Loop> Run(const std::vector<LoopMatch>* given) {
     evidence_ = LoopEvidence();
     evidence_.candidate = loop_.id;
     Loop loop;
@@ -63,8 +61,9 @@ class Verifier {
     loop.loop = loop_.id;
     loop.loop_side = Side(loop_, {});
     current_side_ = Side(current_, loop.loop_side);
-    if (!MatchDescriptors(&loop) || !MatchGuided(&loop)) return std::nullopt;
-    if (!Plausible(loop)) return std::nullopt;
+    const std::vector<Sim3Match> matches = given == nullptr ? MatchDescriptors() : Matches(*given);
+    if (!FindSimilarity(matches, &loop) || !MatchGuided(&loop)) return std::nullopt;
+    if (given == nullptr && !Plausible(loop)) return std::nullopt;
     const bool here = NeighboursAgree(current_, current_side_, loop_, loop.loop_side, loop.current_from_loop);
     if (!here || !NeighboursAgree(loop_, loop.loop_side, current_, current_side_, loop.current_from_loop.Inverse())) {
       return std::nullopt;
@@ -121,7 +120,17 @@ class Verifier {
     return match;
   }
 
-  bool MatchDescriptors(Loop* loop) {
+  std::vector<Sim3Match> Matches(const std::vector<LoopMatch>& given) const {
+    std::vector<Sim3Match> matches;
+    for (const LoopMatch& match : given) {
+      // Only both positions of a point tell the scale.
+      if (!current_.points[match.feature]) continue;
+      matches.push_back(MakeMatch(current_, match.feature, loop_, map_.point(match.point)));
+    }
+    return matches;
+  }
+
+  std::vector<Sim3Match> MatchDescriptors() const {
     image::MatchOptions matching;
     matching.max_distance = options_.match_max_distance;
     matching.max_ratio = options_.match_max_ratio;
@@ -137,19 +146,24 @@ class Verifier {
       if (current_.points[pair.a] == loop_.points[pair.b]) continue;
       matches.push_back(MakeMatch(current_, pair.a, loop_, map_.point(loop_.points[pair.b])));
     }
+    return matches;
+  }
+
+  bool FindSimilarity(const std::vector<Sim3Match>& matches, Loop* loop) {
     evidence_.descriptor_matches = static_cast<int>(matches.size());
-    if (evidence_.descriptor_matches < options_.min_sim3_inliers) return Reject("few matches by descriptors");
+    if (evidence_.descriptor_matches < options_.min_sim3_inliers)
+      return Reject("few matches with points on both sides");
     optimization::Sim3RansacOptions ransac;
     ransac.min_inliers = options_.min_sim3_inliers;
     // Three points with errors of depth fit the others badly: what they are worth shows after refinement.
     ransac.chi2_threshold = kSampleTolerance * optimization::kChiSquarePixel99;
     ransac.seed = (std::uint64_t{current_.id.value()} << 32) + loop_.id.value();
     const auto found = FindSim3(PinholeOf(current_), PinholeOf(loop_), matches, ransac);
-    if (!found.ok()) return Reject("the matches by descriptors agree on no similarity");
+    if (!found.ok()) return Reject("the first matches agree on no similarity");
     optimization::Sim3RefinementOptions refinement;
     refinement.min_inliers = options_.min_sim3_inliers;
     const auto refined = RefineSim3(PinholeOf(current_), PinholeOf(loop_), found->a_from_b, matches, refinement);
-    if (!refined.ok()) return Reject("the similarity of the matches by descriptors does not hold");
+    if (!refined.ok()) return Reject("the similarity of the first matches does not hold");
     evidence_.sim3_inliers = refined->num_inliers;
     loop->current_from_loop = refined->a_from_b;
     return true;
@@ -212,12 +226,7 @@ class Verifier {
     return static_cast<int>(cells.size());
   }
 
-  static double MedianDepth(std::vector<double> depths) {
-    if (depths.empty()) return 1.0;
-    const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-    std::nth_element(depths.begin(), middle, depths.end());
-    return *middle;
-  }
+  static double MedianDepth(std::vector<double> depths) { return depths.empty() ? 1.0 : Median(std::move(depths)); }
 
   bool Plausible(const Loop& loop) {
     const Sim3 moved_from_map = loop.current_from_loop * Sim3(loop_.camera_from_map);
@@ -326,7 +335,13 @@ std::optional<double> PathLength(const map::Snapshot& map, KeyframeId a, Keyfram
 
 std::optional<Loop> VerifyLoop(const map::Snapshot& map, KeyframeId current, KeyframeId candidate,
                                const LoopOptions& options, LoopEvidence* evidence) {
-  return Verifier(map, current, candidate, options, evidence).Run();
+  return Verifier(map, current, candidate, options, evidence).Run(nullptr);
+}
+
+std::optional<Loop> VerifyOverlap(const map::Snapshot& map, KeyframeId current, KeyframeId candidate,
+                                  const std::vector<LoopMatch>& matches, const LoopOptions& options,
+                                  LoopEvidence* evidence) {
+  return Verifier(map, current, candidate, options, evidence).Run(&matches);
 }
 
 }  // namespace cairn::mapping

@@ -44,6 +44,12 @@ struct LoopEvidence {
   double turn_rad = 0.0;
 };
 
+// Whether keyframes of two components see the same place: as strict, but for the drift, which says nothing there. The
+// similarity is sought in `matches`, features of the current keyframe that see points of the candidate's component.
+std::optional<Loop> VerifyOverlap(const map::Snapshot& map, KeyframeId current, KeyframeId candidate,
+                                  const std::vector<LoopMatch>& matches, const LoopOptions& options,
+                                  LoopEvidence* evidence);
+
 std::optional<Loop> VerifyLoop(const map::Snapshot& map, KeyframeId current, KeyframeId candidate,
                                const LoopOptions& options, LoopEvidence* evidence);
 

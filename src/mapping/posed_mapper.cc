@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/median.h"
 #include "image/orb_extractor.h"
 #include "mapping/grid_cache.h"
 #include "mapping/local_adjustment.h"
@@ -24,11 +25,13 @@ constexpr double kPoseSigmaPx = 0.5;
 constexpr double kNearestBaselines = 1.0;
 constexpr double kFarthestBaselines = 100.0;
 
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+// The one that given poses belong to: of those aligned to the world the one with most keyframes, or none.
+ComponentId AlignedComponent(const map::Snapshot& map) {
+  ComponentId best;
+  for (const ComponentId id : map.LiveComponents()) {
+    if (map.WorldFrom(id) && (!best || map.NumKeyframes(id) > map.NumKeyframes(best))) best = id;
+  }
+  return best;
 }
 
 }  // namespace
@@ -52,22 +55,21 @@ absl::Status PosedMapperOptions::Validate() const {
 
 class PosedMapper::Impl {
  public:
-  Impl(const PosedMapperOptions& options, std::shared_ptr<const map::Snapshot> map, SessionId session, CameraId camera,
-       const place::Vocabulary* vocabulary, Commit commit)
+  Impl(const PosedMapperOptions& options, MapHead* head, SessionId session, CameraId camera)
       : options_(options),
-        map_(std::move(map)),
+        head_(head),
+        map_(head->View()->snapshot()),
         session_(session),
         camera_(camera),
         pinhole_(map_->pinhole(camera)),
-        vocabulary_(vocabulary),
-        commit_(std::move(commit)),
+        vocabulary_(head->View()->places() == nullptr ? nullptr : &head->View()->places()->vocabulary()),
         extractor_(map_->info().orb) {
-    if (map_->info().world_from_map) map_from_world_ = map_->info().world_from_map->Inverse();
+    component_ = AlignedComponent(*map_);
+    if (component_) map_from_world_ = map_->WorldFrom(component_)->Inverse();
   }
 
   absl::StatusOr<int> Add(const PosedImage& image);
   absl::StatusOr<PosedMapperReport> Finish();
-  const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
 
  private:
   struct View {
@@ -85,13 +87,14 @@ class PosedMapper::Impl {
   absl::StatusOr<PosedMapperReport> CommitAll(map::Edit edit, PosedMapperReport report);
 
   const PosedMapperOptions options_;
+  MapHead* const head_;
   std::shared_ptr<const map::Snapshot> map_;
   const SessionId session_;
   const CameraId camera_;
   const Pinhole pinhole_;
-  const place::Vocabulary* const vocabulary_;
-  const Commit commit_;
+  const place::Vocabulary* const vocabulary_;  // of the view; null: none
   const image::OrbExtractor extractor_;
+  ComponentId component_;  // that the views join; none: one is made
   Sim3 map_from_world_;
   GridCache grids_{512};
   std::vector<View> views_;
@@ -196,6 +199,7 @@ void PosedMapper::Impl::Connect(map::Edit& edit, KeyframeId id, std::span<const 
 }
 
 void PosedMapper::Impl::Insert(map::Edit& edit, std::size_t index) {
+  views_[index].keyframe.component = component_;
   const KeyframeId id = edit.AddKeyframe(views_[index].keyframe);
   view_of_[id] = index;
   ids_.push_back(id);
@@ -272,12 +276,19 @@ void PosedMapper::Impl::DropUnconnected(map::Edit& edit, PosedMapperReport* repo
 absl::StatusOr<PosedMapperReport> PosedMapper::Impl::Finish() {
   if (finished_) return absl::FailedPreconditionError("posed mapper: the map is finished already");
   finished_ = true;
+  map_ = head_->View()->snapshot();  // others may have changed it
+  component_ = AlignedComponent(*map_);
   map::Edit edit(map_);
-  if (map_->keyframes().empty() && !map_->info().world_from_map) {
-    map::MapInfo info = map_->info();
-    info.world_from_map = Sim3();
-    edit.SetInfo(std::move(info));
+  if (!component_) {
+    map::Component component;
+    component.session = session_;
+    component.world_from_component = Sim3();
+    component_ = edit.AddComponent(component);
   }
+  edit.SetSession(session_);
+  map::Session session = edit.session(session_);
+  session.components = {component_};
+  edit.PutSession(session);
   PosedMapperReport report;
   CAIRN_RETURN_IF_ERROR(CheckFit(&report.fit));
   for (std::size_t i = 0; i < views_.size(); ++i) Insert(edit, i);
@@ -299,8 +310,8 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::CommitAll(map::Edit edit, P
   report.keyframes = static_cast<int>(ids_.size()) - report.keyframes_without_points;
   report.points = static_cast<int>(delta.points.size());
   for (const auto& point : delta.points) report.observations += static_cast<int>(point->observations.size());
-  CAIRN_ASSIGN_OR_RETURN(map_, commit_(std::move(delta)));
-  if (map_ == nullptr) return absl::InternalError("the commit function returned no map");
+  CAIRN_RETURN_IF_ERROR(head_->Commit(std::move(delta), {}));
+  map_ = head_->View()->snapshot();
   std::vector<double> changes;
   for (std::size_t i = 0; i < ids_.size(); ++i) {
     const map::Keyframe* keyframe = map_->keyframes().Find(ids_[i]);
@@ -315,26 +326,22 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::CommitAll(map::Edit edit, P
 PosedMapper::PosedMapper(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 PosedMapper::~PosedMapper() = default;
 
-absl::StatusOr<std::unique_ptr<PosedMapper>> PosedMapper::Create(const PosedMapperOptions& options,
-                                                                 std::shared_ptr<const map::Snapshot> map,
-                                                                 SessionId session, CameraId camera,
-                                                                 const place::Vocabulary* vocabulary, Commit commit) {
+absl::StatusOr<std::unique_ptr<PosedMapper>> PosedMapper::Create(const PosedMapperOptions& options, MapHead* head,
+                                                                 SessionId session, CameraId camera) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
-  if (map == nullptr || !commit) return absl::InvalidArgumentError("posed mapper: needs a map and a commit function");
-  if (!map->sessions().contains(session) || !map->cameras().contains(camera)) {
+  const map::Snapshot& map = head->View()->map();
+  if (!map.sessions().contains(session) || !map.cameras().contains(camera)) {
     return absl::InvalidArgumentError(
         absl::StrCat("posed mapper: the map has no session ", session.value(), " or no camera ", camera.value()));
   }
-  if (!map->keyframes().empty() && !map->info().world_from_map) {
+  if (!map.keyframes().empty() && !AlignedComponent(map)) {
     return absl::FailedPreconditionError(
         "posed mapper: the map is not aligned to the world of the poses; align it first (`cairn align`)");
   }
-  return std::unique_ptr<PosedMapper>(
-      new PosedMapper(std::make_unique<Impl>(options, std::move(map), session, camera, vocabulary, std::move(commit))));
+  return std::unique_ptr<PosedMapper>(new PosedMapper(std::make_unique<Impl>(options, head, session, camera)));
 }
 
 absl::StatusOr<int> PosedMapper::Add(const PosedImage& image) { return impl_->Add(image); }
 absl::StatusOr<PosedMapperReport> PosedMapper::Finish() { return impl_->Finish(); }
-const std::shared_ptr<const map::Snapshot>& PosedMapper::map() const { return impl_->map(); }
 
 }  // namespace cairn::mapping

@@ -2,12 +2,11 @@
 // Features are matched between views that overlap, gated by the epipolar lines of the known poses; matches become
 // tracks, tracks become points; bundle adjustment refines the points and, within a prior, the poses.
 //
-// The map frame is the frame of the given poses, so world_from_map becomes the identity (an empty map), or the given
-// poses are moved into the map by the inverse of its world_from_map (a map that is aligned already).
+// The world is the frame of the given poses: in an empty map they make a component whose world_from_component is the
+// identity; otherwise they are moved into the aligned component by the inverse of its own.
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <opencv2/core.hpp>
 
@@ -15,7 +14,7 @@
 #include "base/time.h"
 #include "map/edit.h"
 #include "mapping/pose_check.h"
-#include "place/vocabulary.h"
+#include "mapping/map_head.h"
 
 namespace cairn::mapping {
 
@@ -57,13 +56,9 @@ struct PosedMapperReport {
 
 class PosedMapper {
  public:
-  using Commit = std::function<absl::StatusOr<std::shared_ptr<const map::Snapshot>>(map::Delta)>;
-
-  // As FeatureMapper::Create. FailedPrecondition if the map has keyframes but no world_from_map.
-  static absl::StatusOr<std::unique_ptr<PosedMapper>> Create(const PosedMapperOptions& options,
-                                                             std::shared_ptr<const map::Snapshot> map,
-                                                             SessionId session, CameraId camera,
-                                                             const place::Vocabulary* vocabulary, Commit commit);
+  // As FeatureMapper::Create. FailedPrecondition if the map has keyframes but no aligned component.
+  static absl::StatusOr<std::unique_ptr<PosedMapper>> Create(const PosedMapperOptions& options, MapHead* head,
+                                                             SessionId session, CameraId camera);
   ~PosedMapper();
   PosedMapper(const PosedMapper&) = delete;
   PosedMapper& operator=(const PosedMapper&) = delete;
@@ -72,12 +67,9 @@ class PosedMapper {
   // finite. Returns the number of features.
   absl::StatusOr<int> Add(const PosedImage& image);
 
-  // Matches, triangulates, adjusts and commits: the map is complete after it. FailedPrecondition if fewer than two
+  // While the head is the caller's: matches, triangulates, adjusts and commits: the map is complete after it. FailedPrecondition if fewer than two
   // views share points, or the poses do not fit the images. Nothing may be added afterwards.
   absl::StatusOr<PosedMapperReport> Finish();
-
-  // The map after the last commit.
-  const std::shared_ptr<const map::Snapshot>& map() const;
 
  private:
   class Impl;

@@ -4,19 +4,10 @@
 #include <cmath>
 #include <vector>
 
+#include "base/median.h"
 #include "geometry/alignment.h"
 
 namespace cairn::mapping {
-namespace {
-
-double Median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-}  // namespace
-
 absl::Status RelativeScaleOptions::Validate() const {
   const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("relative scale: ", what)); };
   if (min_window < 4 || max_window < min_window) return bad("windows must satisfy 4 <= min_window <= max_window");
@@ -62,6 +53,7 @@ void RelativeScale::Update(const std::optional<ScaleMeasurement>& from_depths,
                            const std::optional<ScaleMeasurement>& from_centres) {
   const auto& measured = from_depths ? from_depths : from_centres;
   if (!measured) return;
+  known_ = true;
   if (!from_depths || relative_sigma_ == 0.0) {
     scale_ = measured->scale;
     relative_sigma_ = std::max(measured->relative_sigma, 1e-6);
@@ -76,6 +68,12 @@ void RelativeScale::Update(const std::optional<ScaleMeasurement>& from_depths,
 void RelativeScale::Reset(double scale) {
   scale_ = scale;
   relative_sigma_ = 0.0;
+  known_ = true;
+}
+
+void RelativeScale::Forget() {
+  relative_sigma_ = 0.0;
+  known_ = false;
 }
 
 }  // namespace cairn::mapping

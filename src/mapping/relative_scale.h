@@ -51,18 +51,22 @@ class RelativeScale {
 
   double scale() const { return scale_; }
   double relative_sigma() const { return relative_sigma_; }  // 0: never measured
+  bool known() const { return known_; }                      // false: scale() means nothing (yet)
 
   // One call per keyframe refined against the map, with whatever was measured there.
   void Update(const std::optional<ScaleMeasurement>& from_depths, const std::optional<ScaleMeasurement>& from_centres);
   // The map around here has grown by this factor; what was measured still holds.
   void Rescale(double factor) { scale_ *= factor; }
-  // A new world on the direct side, or a new start: nothing of before counts.
+  // A new start, which says what the scale is: nothing of before counts.
   void Reset(double scale);
+  // A new world on the direct side: nothing is known until it is measured.
+  void Forget();
 
  private:
   RelativeScaleOptions options_;
   double scale_;
   double relative_sigma_ = 0.0;
+  bool known_ = true;
 };
 
 }  // namespace cairn::mapping

@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <memory>
 #include <numbers>
 #include <utility>
@@ -15,7 +14,7 @@
 #include "geometry/alignment.h"
 #include "map/edit.h"
 #include "mapping/loop_correction.h"
-#include "tracking/place_database.h"
+#include "mapping/testing_head.h"
 #include "tracking/testing_world.h"
 
 namespace cairn::mapping::testing {
@@ -38,8 +37,8 @@ class Ring {
     map::MapInfo info;
     info.id = std::string(32, '2');
     info.vocabulary_hash = vocabulary_->hash();
-    map_ = map::Snapshot::Empty(info);
-    map::Edit edit(map_);
+    const auto empty = map::Snapshot::Empty(info);
+    map::Edit edit(empty);
     map::MapCamera camera;
     camera.model = Camera::FromPinhole(tracking::testing_world::kPinhole);
     camera.pinhole = tracking::testing_world::kPinhole;
@@ -47,24 +46,12 @@ class Ring {
     map::Session session;
     session.camera = camera_;
     session_ = edit.AddSession(session);
-    map_ = *map_->Apply(edit.Finish("ring"));
-    places_ = std::make_unique<tracking::PlaceDatabase>(*tracking::PlaceDatabase::Build(vocabulary_, *map_));
+    head_ = std::make_unique<TestHead>(*empty->Apply(edit.Finish("ring")), vocabulary_.get());
     tracks_.resize(world_.points.size());
   }
 
-  const std::shared_ptr<const map::Snapshot>& map() const { return map_; }
-  const tracking::PlaceDatabase& places() const { return *places_; }
-  const place::Vocabulary& vocabulary() const { return *vocabulary_; }
-
-  using CommitFunction = std::function<absl::StatusOr<std::shared_ptr<const map::Snapshot>>(map::Delta delta)>;
-  // Who else takes part in changes of the map: gets those of AddKeyframe(), and has to call Commit().
-  void CommitThrough(CommitFunction commit) { commit_through_ = std::move(commit); }
-
-  absl::StatusOr<std::shared_ptr<const map::Snapshot>> Commit(const map::Delta& delta) {
-    CAIRN_RETURN_IF_ERROR(places_->Update(delta));
-    CAIRN_ASSIGN_OR_RETURN(map_, map_->Apply(delta));
-    return map_;
-  }
+  TestHead& head() { return *head_; }
+  const std::shared_ptr<const map::Snapshot>& map() const { return head_->map(); }
 
   // The next keyframe on the way round, where the drifting map believes it to be.
   KeyframeId AddKeyframe() {
@@ -72,7 +59,7 @@ class Ring {
     const SE3 world_from_camera = PoseAt(angle);
     Drift(world_from_camera);
     truth_.push_back(world_from_camera);
-    map::Edit edit(map_);
+    map::Edit edit(map());
     map::Keyframe keyframe;
     keyframe.session = session_;
     keyframe.camera = camera_;
@@ -83,14 +70,13 @@ class Ring {
     keyframe.features = Observe(world_from_camera, angle, &point_of_feature);
     const KeyframeId id = edit.AddKeyframe(keyframe);
     for (std::uint32_t i = 0; i < point_of_feature.size(); ++i) Track(point_of_feature[i], {id, i}, &edit);
-    map::Delta delta = edit.Finish("keyframe");
-    EXPECT_TRUE((commit_through_ ? commit_through_(std::move(delta)) : Commit(delta)).ok());
+    EXPECT_TRUE(head_->Commit(edit.Finish("keyframe"), {}).ok());
     return id;
   }
 
   // Continues from where the newest keyframe is in the map by now; lengths around it have grown by `growth`.
   void GoOn(KeyframeId newest, double growth) {
-    const SE3 map_from_camera = map_->keyframe(newest).camera_from_map.Inverse();
+    const SE3 map_from_camera = map()->keyframe(newest).camera_from_map.Inverse();
     const Sim3 scaling(Quaterniond::Identity(), Vector3d::Zero(), map_from_world_.scale() * growth);
     map_from_world_ = Sim3(map_from_camera) * scaling * Sim3(truth_.back().Inverse());
   }
@@ -98,7 +84,7 @@ class Ring {
   // Root mean square of the camera centres after Sim(3) alignment, metres.
   double Error() const {
     std::vector<Vector3d> estimated, expected;
-    map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+    map()->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
       estimated.push_back(keyframe->CenterInMap());
       expected.push_back(truth_[static_cast<std::size_t>(keyframe->frame_index) - 1].translation());
     });
@@ -163,7 +149,7 @@ class Ring {
     tracking::testing_world::ViewOptions view_options;
     view_options.clutter = 0;
     const auto view =
-        tracking::testing_world::Observe(ahead, world_from_camera.Inverse(), map_->info().orb, view_options, random_);
+        tracking::testing_world::Observe(ahead, world_from_camera.Inverse(), map()->info().orb, view_options, random_);
     auto features = std::make_shared<map::KeyframeFeatures>();
     for (const auto& descriptor : view.features.descriptors) features->words.push_back(vocabulary_->Lookup(descriptor));
     features->features = view.features;
@@ -195,13 +181,11 @@ class Ring {
   tracking::testing_world::World world_;
   std::vector<double> angles_;  // of the points, round the ring
   std::shared_ptr<const place::Vocabulary> vocabulary_;
-  std::shared_ptr<const map::Snapshot> map_;
-  std::unique_ptr<tracking::PlaceDatabase> places_;
+  std::unique_ptr<TestHead> head_;
   CameraId camera_;
   SessionId session_;
   std::vector<SE3> truth_;  // world_from_camera
   std::vector<TrackState> tracks_;
-  CommitFunction commit_through_;
   Sim3 map_from_world_;  // here and now
 };
 

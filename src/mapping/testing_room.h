@@ -24,6 +24,7 @@ class Room {
   // Directions (atan2(x, z), radians) between which the walls have no texture; equal: none.
   double blank_from_rad = 0.0;
   double blank_to_rad = 0.0;
+  std::uint64_t salt = 0;  // of the textures: another one is another room
 
   // Distance along a direction of the room until the wall.
   double Distance(const Vector3d& from, const Vector3d& direction) const {
@@ -42,7 +43,7 @@ class Room {
     int axis = 0;
     (half.cwiseAbs() - point.cwiseAbs()).minCoeff(&axis);
     const double u = point[(axis + 1) % 3], v = point[(axis + 2) % 3];
-    const auto wall = static_cast<std::uint64_t>(axis * 2 + (point[axis] > 0.0 ? 1 : 0));
+    const std::uint64_t wall = 20 * salt + static_cast<std::uint64_t>(axis * 2 + (point[axis] > 0.0 ? 1 : 0));
     return 40.0 + 90.0 * Cell(u, v, 0.31, wall) + 80.0 * Cell(u + 0.1, v, 0.11, wall + 10);
   }
 

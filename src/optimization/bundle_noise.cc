@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/median.h"
+
 namespace cairn::optimization {
 namespace {
 
@@ -12,12 +14,6 @@ constexpr std::size_t kMinDifferences = 8;     // differences that tell that of 
 constexpr double kMedianOfTwoAxes = 1.1774;    // median length of a vector of 2 normal numbers ...
 constexpr double kMedianOfThreeAxes = 1.5382;  // ... and of 3
 constexpr std::size_t kLongestWay = 16;
-
-double Median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 

@@ -17,70 +17,93 @@ absl::Status QueryOptions::Validate() const {
   return absl::OkStatus();
 }
 
-absl::Status InvertedIndex::Add(std::uint32_t id, BowVector words) {
-  if (Contains(id)) return absl::AlreadyExistsError(absl::StrCat("the place index already holds id ", id));
+InvertedIndex::InvertedIndex(std::size_t num_words) : blocks_(num_words), id_chunks_(kMaxEntries / kIdsPerChunk) {}
+
+InvertedIndex::~InvertedIndex() {
+  for (std::atomic<Block*>& head : blocks_) {
+    for (Block* block = head.load(); block != nullptr;) delete std::exchange(block, block->older);
+  }
+  for (std::atomic<std::uint32_t*>& chunk : id_chunks_) delete[] chunk.load();
+}
+
+absl::StatusOr<std::uint32_t> InvertedIndex::Add(std::uint32_t id, const BowVector& words) {
   for (std::size_t i = 0; i < words.size(); ++i) {
-    if (words[i].word >= postings_.size()) {
+    if (words[i].word >= blocks_.size()) {
       return absl::InvalidArgumentError(absl::StrCat("id ", id, " has the word ", words[i].word,
-                                                     ", but the vocabulary ", "of the place index has ",
-                                                     postings_.size(), " words"));
+                                                     ", but the vocabulary ", "of the place index has ", blocks_.size(),
+                                                     " words"));
     }
     if (i > 0 && words[i].word <= words[i - 1].word) {
       return absl::InvalidArgumentError(absl::StrCat("the words of id ", id, " are not sorted"));
     }
   }
-  std::uint32_t slot;
-  if (free_slots_.empty()) {
-    slot = static_cast<std::uint32_t>(entries_.size());
-    entries_.emplace_back();
-  } else {
-    slot = free_slots_.back();
-    free_slots_.pop_back();
+  const std::uint32_t entry = num_entries_.load(std::memory_order_relaxed);
+  if (entry >= kMaxEntries) return absl::ResourceExhaustedError("the place index is full");
+  std::atomic<std::uint32_t*>& chunk = id_chunks_[entry / kIdsPerChunk];
+  if (chunk.load(std::memory_order_relaxed) == nullptr) {
+    chunk.store(new std::uint32_t[kIdsPerChunk], std::memory_order_release);
   }
-  for (const WeightedWord& word : words) postings_[word.word].push_back({slot, word.weight});
-  entries_[slot] = {id, true, std::move(words)};
-  slot_of_id_.emplace(id, slot);
-  return absl::OkStatus();
+  chunk.load(std::memory_order_relaxed)[entry % kIdsPerChunk] = id;
+  for (const WeightedWord& word : words) Append(word.word, {entry, word.weight});
+  num_entries_.store(entry + 1, std::memory_order_release);
+  return entry;
 }
 
-absl::Status InvertedIndex::Remove(std::uint32_t id) {
-  const auto found = slot_of_id_.find(id);
-  if (found == slot_of_id_.end()) return absl::NotFoundError(absl::StrCat("the place index holds no id ", id));
-  const std::uint32_t slot = found->second;
-  for (const WeightedWord& word : entries_[slot].words) {
-    std::vector<Posting>& postings = postings_[word.word];
-    const auto posting =
-        std::find_if(postings.begin(), postings.end(), [slot](const Posting& p) { return p.slot == slot; });
-    *posting = postings.back();
-    postings.pop_back();
+void InvertedIndex::Append(WordId word, Posting posting) {
+  Block* block = blocks_[word].load(std::memory_order_relaxed);
+  std::uint32_t size = block == nullptr ? 0 : block->size.load(std::memory_order_relaxed);
+  if (block == nullptr || size == block->capacity) {
+    auto larger = std::make_unique<Block>();
+    larger->older = block;
+    larger->capacity = block == nullptr ? 2 : 2 * block->capacity;
+    larger->postings = std::make_unique<Posting[]>(larger->capacity);
+    block = larger.release();
+    size = 0;
+    block->postings[0] = posting;
+    block->size.store(1, std::memory_order_relaxed);
+    blocks_[word].store(block, std::memory_order_release);
+    return;
   }
-  entries_[slot] = {};
-  free_slots_.push_back(slot);
-  slot_of_id_.erase(found);
-  return absl::OkStatus();
+  block->postings[size] = posting;
+  block->size.store(size + 1, std::memory_order_release);
 }
 
-std::vector<Candidate> InvertedIndex::Query(const BowVector& words, const QueryOptions& options) const {
+std::uint32_t InvertedIndex::IdOf(std::uint32_t entry) const {
+  return id_chunks_[entry / kIdsPerChunk].load(std::memory_order_acquire)[entry % kIdsPerChunk];
+}
+
+std::vector<Candidate> InvertedIndex::Query(const BowVector& words, const QueryOptions& options,
+                                            const Counts& counts) const {
   // Words come in ascending order, so the sums do not depend on the order of postings.
-  std::vector<double> score(entries_.size(), 0.0);
-  std::vector<std::uint32_t> common(entries_.size(), 0);
+  const std::uint32_t size = num_entries();
+  std::vector<double> score(size, 0.0);
+  std::vector<std::uint32_t> common(size, 0);
   std::vector<std::uint32_t> touched;
   for (const WeightedWord& word : words) {
-    if (word.word >= postings_.size()) continue;
-    for (const Posting& posting : postings_[word.word]) {
-      if (common[posting.slot]++ == 0) touched.push_back(posting.slot);
-      score[posting.slot] += std::min(word.weight, posting.weight);
+    if (word.word >= blocks_.size()) continue;
+    for (const Block* block = blocks_[word.word].load(std::memory_order_acquire); block != nullptr;
+         block = block->older) {
+      const std::uint32_t filled = block->size.load(std::memory_order_acquire);
+      for (std::uint32_t i = 0; i < filled; ++i) {
+        const Posting& posting = block->postings[i];
+        if (posting.entry >= size) continue;  // came meanwhile
+        if (common[posting.entry]++ == 0) touched.push_back(posting.entry);
+        score[posting.entry] += std::min(word.weight, posting.weight);
+      }
     }
   }
+  if (counts) {
+    std::erase_if(touched, [&](std::uint32_t entry) { return !counts(IdOf(entry), entry); });
+  }
   if (options.exclude) {
-    std::erase_if(touched, [&](std::uint32_t slot) { return options.exclude(entries_[slot].id); });
+    std::erase_if(touched, [&](std::uint32_t entry) { return options.exclude(IdOf(entry)); });
   }
   std::uint32_t most = 0;
-  for (const std::uint32_t slot : touched) most = std::max(most, common[slot]);
+  for (const std::uint32_t entry : touched) most = std::max(most, common[entry]);
   std::vector<Candidate> candidates;
-  for (const std::uint32_t slot : touched) {
-    if (common[slot] < options.min_common_share * most || score[slot] < options.min_score) continue;
-    candidates.push_back({entries_[slot].id, score[slot], common[slot]});
+  for (const std::uint32_t entry : touched) {
+    if (common[entry] < options.min_common_share * most || score[entry] < options.min_score) continue;
+    candidates.push_back({IdOf(entry), score[entry], common[entry]});
   }
   const auto better = [](const Candidate& a, const Candidate& b) {
     return a.score != b.score ? a.score > b.score : a.id < b.id;

@@ -2,10 +2,11 @@
 // Tardos, T-RO 2012, sec. IV-V).
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <span>
-#include <unordered_map>
 #include <vector>
 
 #include "base/status.h"
@@ -34,37 +35,51 @@ struct Candidate {
   bool operator==(const Candidate&) const = default;
 };
 
-// Add and Remove need exclusive access; const calls may run concurrently.
+// Grows at its end only, so that an index of an earlier state of a map is the same object with fewer entries counted:
+// whoever asks says which entries count (tracking::PlaceIndex). Nothing is ever removed or moved.
 class InvertedIndex {
  public:
+  // Whether an entry counts; empty: all do. Entries are numbered in the order in which they came.
+  using Counts = std::function<bool(std::uint32_t id, std::uint32_t entry)>;
+
   // For words 0 .. num_words-1.
-  explicit InvertedIndex(std::size_t num_words) : postings_(num_words) {}
+  explicit InvertedIndex(std::size_t num_words);
+  ~InvertedIndex();
+  InvertedIndex(const InvertedIndex&) = delete;
+  InvertedIndex& operator=(const InvertedIndex&) = delete;
 
-  // AlreadyExists if the id is there; InvalidArgument for a word out of range or words not sorted.
-  absl::Status Add(std::uint32_t id, BowVector words);
-  // NotFound if the id is not there.
-  absl::Status Remove(std::uint32_t id);
+  // Gives the number of the entry. InvalidArgument for a word out of range or words not sorted, ResourceExhausted
+  // beyond kMaxEntries. One call at a time; queries may run beside it, and do not see what came after they began.
+  absl::StatusOr<std::uint32_t> Add(std::uint32_t id, const BowVector& words);
 
-  bool Contains(std::uint32_t id) const { return slot_of_id_.contains(id); }
-  std::size_t size() const { return slot_of_id_.size(); }
+  std::uint32_t num_entries() const { return num_entries_.load(std::memory_order_acquire); }
 
-  // Best score first; of equal scores the smaller id. The answer does not depend on the order of Add and Remove calls.
-  std::vector<Candidate> Query(const BowVector& words, const QueryOptions& options = {}) const;
+  // Best score first; of equal scores the smaller id. The answer depends on the entries that count alone.
+  std::vector<Candidate> Query(const BowVector& words, const QueryOptions& options = {},
+                               const Counts& counts = {}) const;
+
+  static constexpr std::uint32_t kMaxEntries = 1u << 26;
 
  private:
   struct Posting {
-    std::uint32_t slot;
+    std::uint32_t entry;
     float weight;
   };
-  struct Entry {
-    std::uint32_t id = 0;
-    bool used = false;
-    BowVector words;
+  // The postings of a word: a list of blocks, the newest first, each as large as all before.
+  struct Block {
+    Block* older = nullptr;
+    std::uint32_t capacity = 0;
+    std::atomic<std::uint32_t> size = 0;
+    std::unique_ptr<Posting[]> postings;
   };
-  std::vector<std::vector<Posting>> postings_;  // by word
-  std::vector<Entry> entries_;                  // by slot; freed slots are reused
-  std::vector<std::uint32_t> free_slots_;
-  std::unordered_map<std::uint32_t, std::uint32_t> slot_of_id_;
+  static constexpr std::uint32_t kIdsPerChunk = 1u << 13;
+
+  void Append(WordId word, Posting posting);
+  std::uint32_t IdOf(std::uint32_t entry) const;
+
+  std::vector<std::atomic<Block*>> blocks_;             // by word
+  std::vector<std::atomic<std::uint32_t*>> id_chunks_;  // ids of entries
+  std::atomic<std::uint32_t> num_entries_ = 0;
 };
 
 // Compares only features under the same node of the vocabulary. Both direct indices must come from the same vocabulary

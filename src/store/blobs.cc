@@ -168,6 +168,40 @@ absl::StatusOr<std::vector<PointId>> UnpackPointIds(std::size_t count, Bytes byt
   return ids;
 }
 
+std::string PackIdRuns(const std::vector<std::uint32_t>& ids) {
+  std::string out;
+  std::uint32_t end = 0;
+  for (std::size_t i = 0; i < ids.size();) {
+    std::size_t run = 1;
+    while (i + run < ids.size() && ids[i + run] == ids[i] + run) ++run;
+    AppendVarint(&out, ids[i] - end);
+    AppendVarint(&out, run);
+    i += run;
+    end = ids[i - 1] + 1;
+  }
+  return out;
+}
+
+absl::Status UnpackIdRuns(Bytes bytes, std::uint32_t next, std::vector<std::uint32_t>* ids) {
+  // More than any map has; a blob of a few bytes must not fill the memory.
+  constexpr std::uint64_t kMaxIds = 100000000;
+  std::size_t at = 0;
+  std::uint64_t end = 0, count = 0;
+  while (at < bytes.size()) {
+    std::uint64_t gap = 0, run = 0;
+    if (!ReadVarint(bytes, &at, &gap) || !ReadVarint(bytes, &at, &run)) {
+      return absl::DataLossError("a number in the blob is cut off");
+    }
+    if (gap > next || run > next || end + gap + run > next || run == 0 || end + gap == 0 || count + run > kMaxIds) {
+      return absl::DataLossError("an id in the blob is out of range");
+    }
+    for (std::uint64_t i = 0; i < run; ++i) ids->push_back(static_cast<std::uint32_t>(end + gap + i));
+    end += gap + run;
+    count += run;
+  }
+  return absl::OkStatus();
+}
+
 std::string PackDoubles(const std::vector<double>& values) {
   return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(double));
 }

@@ -40,6 +40,12 @@ absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::in
 std::string PackPointIds(const std::vector<PointId>& ids);
 absl::StatusOr<std::vector<PointId>> UnpackPointIds(std::size_t count, Bytes bytes);
 
+// Ids in ascending order as runs: per run two varints, how far it begins behind the end of the last one (behind 0 for
+// the first), and how many ids it has.
+std::string PackIdRuns(const std::vector<std::uint32_t>& ids);
+// Appends the ids; DataLoss for what is not ascending, or not below `next`.
+absl::Status UnpackIdRuns(Bytes bytes, std::uint32_t next, std::vector<std::uint32_t>* ids);
+
 // Doubles one after another.
 std::string PackDoubles(const std::vector<double>& values);
 absl::StatusOr<std::vector<double>> UnpackDoubles(Bytes bytes);

@@ -1,6 +1,7 @@
 #include "store/digest.h"
 
 #include <bit>
+#include <optional>
 #include <type_traits>
 
 #include "absl/strings/str_format.h"
@@ -54,17 +55,40 @@ class Hasher {
   alignas(64) XXH3_state_t state_;
 };
 
-void AddInfo(const map::MapInfo& info, Hasher* hasher) {
+void Add(const std::optional<Sim3>& similarity, Hasher* hasher) {
+  hasher->Add(similarity.has_value());
+  if (!similarity) return;
+  hasher->Add(similarity->scale());
+  hasher->Add(similarity->rotation());
+  hasher->Add(similarity->translation());
+}
+
+// A map of one component has the digest that it had in formats without components.
+bool HasParts(const map::Snapshot& map) { return map.components().size() > 1; }
+
+void AddInfo(const map::Snapshot& map, Hasher* hasher) {
+  const map::MapInfo& info = map.info();
   const image::OrbParameters& orb = info.orb;
   for (const int value : {orb.num_features, orb.num_levels, orb.fast_threshold, orb.min_fast_threshold})
     hasher->Add(value);
   hasher->Add(orb.scale_factor);
   hasher->Add(info.vocabulary_hash);
-  hasher->Add(info.world_from_map.has_value());
-  if (info.world_from_map) {
-    hasher->Add(info.world_from_map->scale());
-    hasher->Add(info.world_from_map->rotation());
-    hasher->Add(info.world_from_map->translation());
+  if (!HasParts(map)) {
+    Add(map.components().empty() ? std::nullopt : map.components().begin()->second.world_from_component, hasher);
+  }
+  if (const auto& anchor = info.geo_anchor) {
+    for (const double value : {anchor->latitude_deg, anchor->longitude_deg, anchor->height_m}) hasher->Add(value);
+    hasher->Add(anchor->enu_from_world);
+  }
+  if (!HasParts(map)) return;
+  hasher->AddCount(map.components().size());
+  for (const auto& [id, component] : map.components()) {
+    hasher->Add(id);
+    hasher->Add(component.session);
+    Add(component.world_from_component, hasher);
+    if (!component.joined) continue;
+    hasher->Add(component.joined->into);
+    Add(component.joined->into_from_component, hasher);
   }
 }
 
@@ -104,7 +128,7 @@ void AddKeyframe(const map::Keyframe& keyframe, Hasher* hasher) {
 
 std::string ContentDigest(const map::Snapshot& snapshot) {
   Hasher hasher;
-  AddInfo(snapshot.info(), &hasher);
+  AddInfo(snapshot, &hasher);
   hasher.AddCount(snapshot.cameras().size());
   for (const auto& [id, camera] : snapshot.cameras()) {
     hasher.Add(id);
@@ -126,9 +150,13 @@ std::string ContentDigest(const map::Snapshot& snapshot) {
     hasher.Add(session.first_ns);
     hasher.Add(session.last_ns);
     hasher.Add(session.complete);
+    if (session.removed) hasher.Add(session.removed);
   }
   hasher.AddCount(snapshot.keyframes().size());
-  snapshot.keyframes().ForEach([&](const auto& keyframe) { AddKeyframe(*keyframe, &hasher); });
+  snapshot.keyframes().ForEach([&](const auto& keyframe) {
+    AddKeyframe(*keyframe, &hasher);
+    if (HasParts(snapshot)) hasher.Add(keyframe->component);
+  });
   hasher.AddCount(snapshot.points().size());
   snapshot.points().ForEach([&](const auto& point) {
     hasher.Add(point->id);

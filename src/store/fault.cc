@@ -16,7 +16,7 @@ struct FaultEntry {
   absl::string_view name;
 };
 
-constexpr std::array<FaultEntry, 10> kFaults = {{
+constexpr std::array<FaultEntry, 12> kFaults = {{
     {Fault::kNone, absl::StatusCode::kUnknown, "none"},
     {Fault::kNotFound, absl::StatusCode::kNotFound, "not_found"},
     {Fault::kExists, absl::StatusCode::kAlreadyExists, "exists"},
@@ -26,6 +26,8 @@ constexpr std::array<FaultEntry, 10> kFaults = {{
     {Fault::kBusy, absl::StatusCode::kUnavailable, "busy"},
     {Fault::kFull, absl::StatusCode::kResourceExhausted, "full"},
     {Fault::kReadOnly, absl::StatusCode::kPermissionDenied, "read_only"},
+    {Fault::kForeignLog, absl::StatusCode::kFailedPrecondition, "foreign_log"},
+    {Fault::kMoved, absl::StatusCode::kAborted, "moved"},
     {Fault::kIo, absl::StatusCode::kInternal, "io"},
 }};
 

@@ -17,6 +17,8 @@ enum class Fault {
   kBusy,          // another process writes it
   kFull,          // no room left on the disk (or a limit on file sizes); the map is at its last revision
   kReadOnly,      // the file or its folder cannot be written
+  kForeignLog,    // beside the map lies a write-ahead log that is not this map's, or of another state of it
+  kMoved,         // the file was removed, moved or replaced while it was open
   kIo,            // the operating system failed to read or write
 };
 
@@ -29,8 +31,8 @@ inline bool IsDamaged(const absl::Status& status) { return FaultOf(status) == Fa
 inline bool IsNewerVersion(const absl::Status& status) { return FaultOf(status) == Fault::kNewerVersion; }
 
 // A status of the code that belongs to the fault: NotFound, AlreadyExists, InvalidArgument (kNotAMap), DataLoss,
-// Unimplemented (kNewerVersion), Unavailable (kBusy), ResourceExhausted (kFull), PermissionDenied (kReadOnly), Internal
-// (kIo).
+// Unimplemented (kNewerVersion), Unavailable (kBusy), ResourceExhausted (kFull), PermissionDenied (kReadOnly),
+// FailedPrecondition (kForeignLog), Aborted (kMoved), Internal (kIo).
 absl::Status MakeFault(Fault fault, absl::string_view message);
 
 }  // namespace cairn::store

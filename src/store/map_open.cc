@@ -1,6 +1,5 @@
 #include "store/map_open.h"
 
-#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -8,85 +7,17 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <filesystem>
 #include <map>
 #include <utility>
 
 #include "store/delta_writer.h"
 #include "store/fault.h"
+#include "store/file_paths.h"
 #include "store/migrations.h"
+#include "store/write_ahead_log.h"
+#include "store/writer_lock.h"
 
 namespace cairn::store {
-namespace {
-
-std::string FolderOf(const std::string& path) {
-  const std::size_t slash = path.rfind('/');
-  if (slash == std::string::npos) return ".";
-  return slash == 0 ? "/" : path.substr(0, slash);
-}
-
-absl::Status SystemFault(absl::string_view doing, int error) {
-  const std::string message = absl::StrCat(doing, ": ", std::strerror(error));
-  if (error == ENOSPC || error == EDQUOT || error == EFBIG) return MakeFault(Fault::kFull, message);
-  if (error == EACCES || error == EPERM || error == EROFS) return MakeFault(Fault::kReadOnly, message);
-  return MakeFault(Fault::kIo, message);
-}
-
-bool HasContent(const std::string& path) {
-  struct stat info {};
-  return stat(path.c_str(), &info) == 0 && info.st_size > 0;
-}
-
-absl::Status SyncFolder(const std::string& folder) {
-  const int descriptor = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (descriptor < 0) return SystemFault("opening the folder", errno);
-  const int failed = fsync(descriptor) != 0 ? errno : 0;
-  close(descriptor);
-  // Some file systems do not sync folders; there is nothing more to be done on those.
-  return failed == 0 || failed == EINVAL ? absl::OkStatus() : SystemFault("syncing the folder", failed);
-}
-
-// What SQLite may leave beside a database.
-void RemoveCompanions(const std::string& path) {
-  for (const char* suffix : {"-wal", "-shm", "-journal"}) unlink((path + suffix).c_str());
-}
-
-}  // namespace
-
-absl::StatusOr<std::string> ResolveExisting(const std::string& path) {
-  struct stat info {};
-  if (stat(path.c_str(), &info) != 0) {
-    if (errno == ENOENT || errno == ENOTDIR) return MakeFault(Fault::kNotFound, "there is no such file");
-    return MakeFault(Fault::kIo, std::strerror(errno));
-  }
-  if (S_ISDIR(info.st_mode)) return MakeFault(Fault::kNotAMap, "it is a folder, not a Cairn map");
-  if (!S_ISREG(info.st_mode)) return MakeFault(Fault::kNotAMap, "it is not a regular file, and so not a Cairn map");
-  if (info.st_size == 0) return MakeFault(Fault::kNotAMap, "it is empty, not a Cairn map");
-  if (access(path.c_str(), R_OK) != 0)
-    return MakeFault(Fault::kIo, absl::StrCat("cannot be read: ", std::strerror(errno)));
-  std::error_code error;
-  const std::filesystem::path resolved = std::filesystem::canonical(path, error);
-  if (error) return MakeFault(Fault::kIo, error.message());
-  return resolved.string();
-}
-
-absl::StatusOr<std::string> ResolveNew(const std::string& path) {
-  if (path.empty() || path.back() == '/') {
-    return absl::InvalidArgumentError(absl::StrCat("'", path, "' is not the name of a file"));
-  }
-  struct stat info {};
-  if (stat(path.c_str(), &info) == 0 && S_ISDIR(info.st_mode)) {
-    return MakeFault(Fault::kNotAMap, "it is a folder; give the name of a file");
-  }
-  std::error_code error;
-  const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
-  if (error) return MakeFault(Fault::kIo, error.message());
-  if (!std::filesystem::is_directory(resolved.parent_path().empty() ? "." : resolved.parent_path(), error)) {
-    return MakeFault(Fault::kNotFound, absl::StrCat("there is no folder ", FolderOf(path)));
-  }
-  return resolved.string();
-}
-
 absl::Status CheckIdentity(Database* database) {
   constexpr absl::string_view kMagic("SQLite format 3\0", 16);
   constexpr std::size_t kApplicationIdAt = 68;
@@ -151,35 +82,55 @@ std::string FileStamp(const std::string& path) {
                       info.st_mtim.tv_nsec, HasContent(path + "-wal") ? " written" : "");
 }
 
+namespace {
+
+// As if nothing could change the file: SQLite needs nothing beside it.
+absl::StatusOr<std::unique_ptr<Database>> OpenImmutable(const std::string& path, const absl::Status& why,
+                                                        std::string* immutable_stamp) {
+  if (HasContent(path + "-wal")) {
+    return MakeFault(FaultOf(why), absl::StrCat("its newest changes are in ", path,
+                                                "-wal still and cannot be read here: copy both files to a folder that "
+                                                "can be written and has room (",
+                                                why.message(), ")"));
+  }
+  if (WriterLock::IsHeld(path)) return why;
+  *immutable_stamp = FileStamp(path);
+  CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(path, Database::Mode::kImmutable));
+  CAIRN_RETURN_IF_ERROR(CheckIdentity(database.get()));
+  return database;
+}
+
+}  // namespace
+
 absl::StatusOr<std::unique_ptr<Database>> OpenForReading(const std::string& path, std::string* immutable_stamp) {
+  CAIRN_RETURN_IF_ERROR(CheckLog(path));
+  if (const auto network = NetworkFileSystem(FolderOf(path))) {
+    return OpenImmutable(path, MakeFault(Fault::kIo, absl::StrCat("it is on a file system of type ", *network)),
+                         immutable_stamp);
+  }
   // With write permission SQLite can remove its companion files in the end; it is held to change nothing otherwise.
   const bool can_write = access(path.c_str(), W_OK) == 0 && access(FolderOf(path).c_str(), W_OK) == 0;
-  CAIRN_ASSIGN_OR_RETURN(auto database,
-                         Database::OpenFile(path, can_write ? Database::Mode::kQueryOnly : Database::Mode::kReadOnly));
-  absl::Status status = CheckIdentity(database.get());
+  const bool had_log = access((path + "-wal").c_str(), F_OK) == 0;
+  auto database = Database::OpenFile(path, can_write ? Database::Mode::kQueryOnly : Database::Mode::kReadOnly);
+  absl::Status status = database.status();
+  if (status.ok()) status = CheckIdentity(database->get());
+  // On a read-only medium, or a full one, SQLite cannot make the companion files that it shares with writers.
   const Fault fault = FaultOf(status);
-  if (fault != Fault::kReadOnly && fault != Fault::kIo) {
+  if (fault != Fault::kReadOnly && fault != Fault::kIo && fault != Fault::kFull) {
     if (!status.ok()) return status;
     return database;
   }
-  // On a read-only medium SQLite cannot make the companion files that it shares with writers.
-  if (HasContent(path + "-wal")) {
-    return MakeFault(Fault::kReadOnly, absl::StrCat("its newest changes are in ", path,
-                                                    "-wal still and cannot be read in a folder "
-                                                    "that cannot be written; copy both files to one that can (",
-                                                    status.message(), ")"));
-  }
-  *immutable_stamp = FileStamp(path);
-  CAIRN_ASSIGN_OR_RETURN(database, Database::OpenFile(path, Database::Mode::kImmutable));
-  CAIRN_RETURN_IF_ERROR(CheckIdentity(database.get()));
-  return database;
+  if (database.ok()) database->reset();
+  // What it began to make has no content.
+  if (!had_log && !HasContent(path + "-wal") && !WriterLock::IsHeld(path)) RemoveCompanions(path);
+  return OpenImmutable(path, status, immutable_stamp);
 }
 
 absl::Status PrepareForWriting(Database* database, const WriteOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const std::string mode, database->QueryText("PRAGMA journal_mode = WAL"));
   if (mode != "wal") {
-    return MakeFault(Fault::kIo, absl::StrCat("SQLite cannot keep a write-ahead log here (journal mode is ", mode,
-                                              "); is the folder on a network file system?"));
+    return MakeFault(Fault::kIo,
+                     absl::StrCat("SQLite cannot keep a write-ahead log here (journal mode is ", mode, ")"));
   }
   return database->Execute(absl::StrCat("PRAGMA synchronous = ", options.sync_every_commit ? "FULL" : "NORMAL",
                                         "; PRAGMA journal_size_limit = 33554432"));
@@ -193,9 +144,71 @@ absl::Status WriteVocabulary(Database* database, absl::string_view bytes) {
   return put.Run();
 }
 
-absl::Status WriteNewMap(const std::string& path, const map::MapInfo& info, absl::string_view vocabulary) {
+absl::Status CheckNewInfo(const map::MapInfo& info) {
+  const bool is_id = info.id.size() == 32 && std::all_of(info.id.begin(), info.id.end(), [](char c) {
+                       return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
+                     });
+  if (!is_id) return absl::InvalidArgumentError(absl::StrCat("the map id '", info.id, "' is not 32 hex digits"));
+  // So that the row of table `map` stays within a page (write_ahead_log.h).
+  constexpr std::size_t kMaxTextBytes = 1000;
+  if (info.name.size() > kMaxTextBytes || info.software_version.size() > kMaxTextBytes) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("the name of the map or its software has more than ", kMaxTextBytes, " bytes"));
+  }
+  return info.orb.Validate();
+}
+
+absl::Status CheckFileSystem(const std::string& path) {
+  const auto network = NetworkFileSystem(FolderOf(path));
+  if (!network) return absl::OkStatus();
+  return MakeFault(Fault::kIo,
+                   absl::StrCat("its folder is on a network file system (", *network,
+                                "), where maps cannot be written: the write-ahead log needs all users of a map on one "
+                                "host. Write it on a local disk and copy it there when it is closed"));
+}
+
+absl::Status CheckOneName(const std::string& path) {
+  struct stat info {};
+  if (stat(path.c_str(), &info) != 0 || info.st_nlink == 1) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrCat("the file has ", info.st_nlink,
+                                                    " names (hard links), and would change under all of them without "
+                                                    "their knowing of each other's locks; make a copy and write that"));
+}
+
+absl::Status CopyDatabase(Database* database, const std::string& path) {
+  // Into a new name and then in place, so that the copy appears as a whole.
+  const std::string fresh = absl::StrCat(path, kNewSuffix);
+  unlink(fresh.c_str());
+  RemoveCompanions(fresh);
+  const absl::Status copied = [&]() -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t was_query_only, database->QueryInt("PRAGMA query_only"));
+    CAIRN_RETURN_IF_ERROR(database->Execute("PRAGMA query_only = OFF"));
+    const absl::Status vacuumed = [&]() -> absl::Status {
+      CAIRN_ASSIGN_OR_RETURN(Statement copy, database->Prepare("VACUUM INTO ?"));
+      copy.Bind(1, absl::string_view(fresh));
+      return copy.Run();
+    }();
+    CAIRN_RETURN_IF_ERROR(database->Execute(absl::StrCat("PRAGMA query_only = ", was_query_only)));
+    CAIRN_RETURN_IF_ERROR(vacuumed);
+    CAIRN_ASSIGN_OR_RETURN(auto target, Database::OpenFile(fresh, Database::Mode::kReadWrite));
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, target->QueryInt("PRAGMA user_version"));
+    if (format >= 4) {
+      CAIRN_ASSIGN_OR_RETURN(const auto writer, DeltaWriter::Prepare(target.get()));
+      CAIRN_RETURN_IF_ERROR(writer->BeginLog());
+    }
+    CAIRN_RETURN_IF_ERROR(PrepareForWriting(target.get(), {}));
+    CAIRN_RETURN_IF_ERROR(target->Close());
+    return PutInPlace(fresh, path);
+  }();
+  if (!copied.ok()) {
+    unlink(fresh.c_str());
+    RemoveCompanions(fresh);
+  }
+  return copied;
+}
+
+absl::Status WriteMapAt(const std::string& fresh, const map::MapInfo& info, absl::string_view vocabulary) {
   // Only one process comes here for a path: the caller holds the writer's lock.
-  const std::string fresh = path + "-new";
   unlink(fresh.c_str());
   RemoveCompanions(fresh);
   const absl::Status written = [&]() -> absl::Status {
@@ -212,19 +225,34 @@ absl::Status WriteNewMap(const std::string& path, const map::MapInfo& info, absl
       CAIRN_RETURN_IF_ERROR(transaction.Commit());
     }
     CAIRN_RETURN_IF_ERROR(PrepareForWriting(database.get(), {}));
-    CAIRN_RETURN_IF_ERROR(database->Close());
-    // A log of the file that is replaced would be taken for one of the new file.
-    RemoveCompanions(path);
-    if (rename(fresh.c_str(), path.c_str()) != 0) return SystemFault("putting the new map in place", errno);
-    // A reader that came to the old file in between may have made new ones.
-    RemoveCompanions(path);
-    return SyncFolder(FolderOf(path));
+    return database->Close();
   }();
   if (!written.ok()) {
     unlink(fresh.c_str());
     RemoveCompanions(fresh);
   }
   return written;
+}
+
+absl::Status WriteNewMap(const std::string& path, const map::MapInfo& info, absl::string_view vocabulary) {
+  const std::string fresh = absl::StrCat(path, kNewSuffix);
+  CAIRN_RETURN_IF_ERROR(WriteMapAt(fresh, info, vocabulary));
+  const absl::Status placed = PutInPlace(fresh, path);
+  if (!placed.ok()) unlink(fresh.c_str());
+  return placed;
+}
+
+absl::Status PutInPlace(const std::string& fresh, const std::string& path) {
+  // A log that a killed writer left is of the file that is replaced: it stays whole until that goes.
+  if (HasContent(absl::StrCat(path, kLogSuffix)) && CheckLog(path).ok()) {
+    CAIRN_ASSIGN_OR_RETURN(auto old, Database::OpenFile(path, Database::Mode::kReadWrite));
+    old->Execute("PRAGMA wal_checkpoint(TRUNCATE)").IgnoreError();
+  }
+  RemoveCompanions(path);
+  if (rename(fresh.c_str(), path.c_str()) != 0) return SystemFault("putting the new map in place", errno);
+  // A reader that came to the old file in between may have made new ones.
+  RemoveCompanions(path);
+  return SyncFolder(FolderOf(path));
 }
 
 }  // namespace cairn::store

@@ -7,17 +7,11 @@
 #include <vector>
 
 #include "base/status.h"
-#include "store/map_file.h"
 #include "store/map_reader.h"
+#include "store/map_store.h"
 #include "store/sqlite.h"
 
 namespace cairn::store {
-
-// The path with symbolic links resolved, as locks and SQLite's companion files go by the real name. Faults: kNotFound,
-// kNotAMap (not a regular file, or empty), kIo.
-absl::StatusOr<std::string> ResolveExisting(const std::string& path);
-// Likewise for a file that need not exist, but whose folder must.
-absl::StatusOr<std::string> ResolveNew(const std::string& path);
 
 // Whether this is a Cairn map of a format that this software knows, by the file's header and SQLite's user_version.
 absl::Status CheckIdentity(Database* database);
@@ -34,8 +28,21 @@ std::string FileStamp(const std::string& path);
 // Pragmas of a writing connection.
 absl::Status PrepareForWriting(Database* database, const WriteOptions& options);
 
-// Writes a whole new map file and puts it at `path`, in place of a file that may be there, in one step.
+// What a new map may be called, and how its features may be extracted.
+absl::Status CheckNewInfo(const map::MapInfo& info);
+// Whether maps can be written in the folder of `path`: not on a file system of a network.
+absl::Status CheckFileSystem(const std::string& path);
+// A file of several names (hard links) has as many logs and locks, and they do not know of each other.
+absl::Status CheckOneName(const std::string& path);
+// A copy of the database as it is now, at a path where there is nothing. A failure leaves nothing there.
+absl::Status CopyDatabase(Database* database, const std::string& path);
+
+// Writes a whole new map file at `fresh`. A failure leaves nothing there.
+absl::Status WriteMapAt(const std::string& fresh, const map::MapInfo& info, absl::string_view vocabulary);
+// Likewise beside `path`, and puts it there, in place of a file that may be there, in one step.
 absl::Status WriteNewMap(const std::string& path, const map::MapInfo& info, absl::string_view vocabulary);
+// Puts the map file at `fresh`, which nobody has open, in the place of the one at `path`, in one step.
+absl::Status PutInPlace(const std::string& fresh, const std::string& path);
 
 // Inserts or replaces the vocabulary; use inside a transaction.
 absl::Status WriteVocabulary(Database* database, absl::string_view bytes);

@@ -1,9 +1,12 @@
 #include "store/map_reader.h"
 
 #include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <unordered_map>
 #include <utility>
 
+#include "map/component_assignment.h"
 #include "map/viewing.h"
 #include "store/blobs.h"
 #include "store/fault.h"
@@ -17,10 +20,72 @@ std::string Describe(const Finding& finding) {
   return absl::StrCat("table ", finding.table, " row ", finding.id, ": ", finding.message);
 }
 
+// What is wrong with values that are read by number or cast to one later; empty if nothing.
+absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole& camera, int num_levels,
+                                std::optional<std::uint32_t> num_words) {
+  // A lens that is corrected moves keypoints beyond the edge of the image, by far less than the image.
+  const auto width = static_cast<float>(camera.width_px);
+  const auto height = static_cast<float>(camera.height_px);
+  const auto within = [](float px, float size) { return px >= -size && px <= 2.0f * size; };
+  for (const image::Keypoint& keypoint : features.features.keypoints) {
+    if (keypoint.octave >= num_levels) return "keypoints: an octave is out of range";
+    if (!within(keypoint.x_px, width) || !within(keypoint.y_px, height))
+      return "keypoints: one is outside of the image";
+    if (!(std::abs(keypoint.angle_rad) <= 7.0f)) return "keypoints: an angle is out of range";
+  }
+  if (!num_words) return {};
+  for (const std::uint32_t word : features.words) {
+    if (word >= *num_words) return "words: the vocabulary has none of that number";
+  }
+  return {};
+}
+
 }  // namespace
 
 absl::Status DamagedBy(const Finding& finding) {
   return MakeFault(Fault::kDamaged, absl::StrCat("the file is damaged: ", Describe(finding)));
+}
+
+absl::StatusOr<map::KeyframeFeatures> FeaturesFromRow(const Statement& row, const Pinhole& camera, int num_levels,
+                                                      std::optional<std::uint32_t> num_words) {
+  const Bytes keypoints = row.Blob(7), descriptors = row.Blob(8), words = row.Blob(9);
+  if (row.Int(4) != BlobChecksum(keypoints)) return absl::DataLossError("keypoints: wrong checksum");
+  if (row.Int(5) != BlobChecksum(descriptors)) return absl::DataLossError("descriptors: wrong checksum");
+  if (row.Int(6) != BlobChecksum(words)) return absl::DataLossError("words: wrong checksum");
+  CAIRN_ASSIGN_OR_RETURN(auto features,
+                         UnpackFeatures(row.Int(1), row.Int(2), row.Int(3), keypoints, descriptors, words));
+  const absl::string_view wrong = WrongFeatures(features, camera, num_levels, num_words);
+  if (!wrong.empty()) return absl::DataLossError(wrong);
+  return features;
+}
+
+absl::StatusOr<std::vector<PointId>> PointIdsFromRow(const Statement& row, std::size_t num_features) {
+  const Bytes packed = row.Blob(2);
+  if (row.Int(1) != BlobChecksum(packed)) return absl::DataLossError("point_ids: wrong checksum");
+  return UnpackPointIds(num_features, packed);
+}
+
+absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords(Database* database) {
+  // docs/vocabulary.md, "File format".
+  constexpr absl::string_view kMagic = "CAIRNVOC";
+  constexpr std::size_t kNumWordsAt = 24;
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database->Prepare("SELECT substr(bytes, 1, 28) FROM vocabulary"));
+  const absl::StatusOr<bool> found = rows.Step();
+  if (!found.ok()) return IsDamaged(found.status()) ? std::optional<std::uint32_t>() : found.status();
+  if (!*found) return std::optional<std::uint32_t>();
+  const Bytes start = rows.Blob(0);
+  std::uint32_t num_words = 0;
+  if (start.size() < kNumWordsAt + sizeof(num_words) || std::memcmp(start.data(), kMagic.data(), kMagic.size()) != 0) {
+    return std::optional<std::uint32_t>();
+  }
+  std::memcpy(&num_words, start.data() + kNumWordsAt, sizeof(num_words));
+  return num_words;
+}
+
+void SortCovisible(map::Keyframe* keyframe) {
+  std::sort(keyframe->covisible.begin(), keyframe->covisible.end(), [](const auto& a, const auto& b) {
+    return a.shared_points != b.shared_points ? a.shared_points > b.shared_points : a.keyframe < b.keyframe;
+  });
 }
 
 absl::Status MapReader::Report(absl::string_view table, std::int64_t id, absl::string_view message) {
@@ -30,7 +95,7 @@ absl::Status MapReader::Report(absl::string_view table, std::int64_t id, absl::s
 template <class Value, class Take>
 absl::Status MapReader::ReadTable(const TableSpec& table, Take take) {
   CAIRN_ASSIGN_OR_RETURN(Statement rows,
-                         database_->Prepare(table.SelectSql(absl::StrCat("ORDER BY ", table.columns[0]))));
+                         database_->Prepare(table.SelectSql(absl::StrCat("ORDER BY ", table.columns[0]), format_)));
   Row row;
   while (true) {
     const absl::StatusOr<bool> found = rows.Step();
@@ -53,6 +118,7 @@ absl::Status MapReader::ReadTable(const TableSpec& table, Take take) {
 }
 
 absl::Status MapReader::ReadInfo() {
+  CAIRN_ASSIGN_OR_RETURN(format_, database_->QueryInt("PRAGMA user_version"));
   int rows = 0;
   CAIRN_RETURN_IF_ERROR(ReadTable<MapRow>(kMapTable, [&](MapRow&& value) {
     map_row_ = std::move(value);
@@ -68,6 +134,10 @@ absl::Status MapReader::ReadEntities() {
   CAIRN_RETURN_IF_ERROR(ReadTable<map::Session>(
       kSessionsTable, [&](map::Session&& value) { content_.sessions.push_back(std::move(value)); }));
   CAIRN_RETURN_IF_ERROR(ReadTrajectories());
+  if (format_ >= 4) {
+    CAIRN_RETURN_IF_ERROR(ReadTable<map::Component>(
+        kComponentsTable, [&](map::Component&& value) { content_.components.push_back(std::move(value)); }));
+  }
   CAIRN_RETURN_IF_ERROR(ReadTable<map::Keyframe>(kKeyframesTable, [&](map::Keyframe&& value) {
     keyframes_.push_back(std::make_shared<map::Keyframe>(std::move(value)));
   }));
@@ -79,8 +149,7 @@ absl::Status MapReader::ReadEntities() {
 }
 
 absl::Status MapReader::ReadLenses() {
-  CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database_->QueryInt("PRAGMA user_version"));
-  if (version < 3) return absl::OkStatus();
+  if (format_ < 3) return absl::OkStatus();
   std::vector<LensRow> lenses;
   CAIRN_RETURN_IF_ERROR(ReadTable<LensRow>(kLensesTable, [&](const LensRow& row) { lenses.push_back(row); }));
   for (const LensRow& row : lenses) {
@@ -96,8 +165,7 @@ absl::Status MapReader::ReadLenses() {
 }
 
 absl::Status MapReader::ReadTrajectories() {
-  CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database_->QueryInt("PRAGMA user_version"));
-  if (version < 2) return absl::OkStatus();
+  if (format_ < 2) return absl::OkStatus();
   std::vector<LoopRow> loops;
   std::vector<TrajectoryRow> trajectories;
   CAIRN_RETURN_IF_ERROR(ReadTable<LoopRow>(kLoopsTable, [&](const LoopRow& row) { loops.push_back(row); }));
@@ -139,7 +207,8 @@ map::Keyframe* MapReader::FindKeyframe(std::int64_t id) {
 
 absl::Status MapReader::ReadFeatures() {
   const absl::string_view table = kFeaturesTable.name;
-  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kFeaturesTable.SelectSql("ORDER BY keyframe")));
+  CAIRN_ASSIGN_OR_RETURN(const std::optional<std::uint32_t> num_words, ReadNumWords(database_));
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kFeaturesTable.SelectSql("ORDER BY keyframe", format_)));
   while (true) {
     const absl::StatusOr<bool> found = rows.Step();
     if (!found.ok()) {
@@ -149,18 +218,18 @@ absl::Status MapReader::ReadFeatures() {
     }
     if (!*found) break;
     const std::int64_t id = rows.Int(0);
-    const Bytes keypoints = rows.Blob(7), descriptors = rows.Blob(8), words = rows.Blob(9);
-    absl::string_view wrong;
-    if (rows.Int(4) != BlobChecksum(keypoints)) wrong = "keypoints: wrong checksum";
-    if (rows.Int(5) != BlobChecksum(descriptors)) wrong = "descriptors: wrong checksum";
-    if (rows.Int(6) != BlobChecksum(words)) wrong = "words: wrong checksum";
     map::Keyframe* keyframe = FindKeyframe(id);
-    if (keyframe == nullptr) wrong = "there is no such keyframe";
-    if (!wrong.empty()) {
-      CAIRN_RETURN_IF_ERROR(Report(table, id, wrong));
+    if (keyframe == nullptr) {
+      CAIRN_RETURN_IF_ERROR(Report(table, id, "there is no such keyframe"));
       continue;
     }
-    auto features = UnpackFeatures(rows.Int(1), rows.Int(2), rows.Int(3), keypoints, descriptors, words);
+    const auto camera = std::find_if(content_.cameras.begin(), content_.cameras.end(),
+                                     [&](const map::MapCamera& other) { return other.id == keyframe->camera; });
+    if (camera == content_.cameras.end()) {
+      CAIRN_RETURN_IF_ERROR(Report(kKeyframesTable.name, id, "its camera is missing"));
+      continue;
+    }
+    auto features = FeaturesFromRow(rows, camera->pinhole, map_row_.info.orb.num_levels, num_words);
     if (!features.ok()) {
       CAIRN_RETURN_IF_ERROR(Report(table, id, features.status().message()));
       continue;
@@ -175,7 +244,8 @@ absl::Status MapReader::ReadFeatures() {
 
 absl::Status MapReader::ReadPointIds() {
   const absl::string_view table = kKeyframePointsTable.name;
-  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kKeyframePointsTable.SelectSql("ORDER BY keyframe")));
+  CAIRN_ASSIGN_OR_RETURN(Statement rows,
+                         database_->Prepare(kKeyframePointsTable.SelectSql("ORDER BY keyframe", format_)));
   std::size_t good = 0;
   while (true) {
     const absl::StatusOr<bool> found = rows.Step();
@@ -186,14 +256,11 @@ absl::Status MapReader::ReadPointIds() {
     }
     if (!*found) break;
     const std::int64_t id = rows.Int(0);
-    const Bytes packed = rows.Blob(2);
     map::Keyframe* keyframe = FindKeyframe(id);
-    if (rows.Int(1) != BlobChecksum(packed)) {
-      CAIRN_RETURN_IF_ERROR(Report(table, id, "point_ids: wrong checksum"));
-    } else if (keyframe == nullptr) {
+    if (keyframe == nullptr) {
       CAIRN_RETURN_IF_ERROR(Report(table, id, "there is no such keyframe"));
     } else if (keyframe->features) {
-      auto ids = UnpackPointIds(keyframe->features->features.size(), packed);
+      auto ids = PointIdsFromRow(rows, keyframe->features->features.size());
       if (!ids.ok()) {
         CAIRN_RETURN_IF_ERROR(Report(table, id, ids.status().message()));
       } else {
@@ -238,8 +305,26 @@ absl::Status MapReader::CheckVocabulary() {
 absl::Status MapReader::CheckChanges() {
   Revision newest = 0;
   CAIRN_RETURN_IF_ERROR(ReadTable<LoggedChange>(kChangesTable, [&](LoggedChange&& value) { newest = value.revision; }));
+  CAIRN_RETURN_IF_ERROR(CheckTouched());
   if (newest == map_row_.revision) return absl::OkStatus();
   return Report("changes", 0, absl::StrCat("ends at revision ", newest, ", the map is at ", map_row_.revision));
+}
+
+absl::Status MapReader::CheckTouched() {
+  if (format_ < 4) return absl::OkStatus();
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kTouchedTable.SelectSql("ORDER BY revision, kind")));
+  while (true) {
+    const absl::StatusOr<bool> found = rows.Step();
+    if (!found.ok()) {
+      if (!IsDamaged(found.status())) return found.status();
+      return Report(kTouchedTable.name, 0, found.status().message());
+    }
+    if (!*found) return absl::OkStatus();
+    if (rows.Int(2) != BlobChecksum(rows.Blob(3))) {
+      CAIRN_RETURN_IF_ERROR(
+          Report(kTouchedTable.name, rows.Int(0), absl::StrCat("ids of ", rows.Text(1), ": wrong checksum")));
+    }
+  }
 }
 
 absl::Status MapReader::LinkKeyframes() {
@@ -254,9 +339,7 @@ absl::Status MapReader::LinkKeyframes() {
     b->covisible.push_back({edge.a, edge.shared_points});
   }
   for (const auto& keyframe : keyframes_) {
-    std::sort(keyframe->covisible.begin(), keyframe->covisible.end(), [](const auto& a, const auto& b) {
-      return a.shared_points != b.shared_points ? a.shared_points > b.shared_points : a.keyframe < b.keyframe;
-    });
+    SortCovisible(keyframe.get());
     if (!keyframe->parent) continue;
     map::Keyframe* parent = FindKeyframe(keyframe->parent.value());
     if (parent == nullptr) return Report("keyframes", keyframe->id.value(), "the parent is missing");
@@ -310,6 +393,8 @@ absl::Status MapReader::LinkPoints() {
       observations.push_back({keyframe->id, i});
     }
   }
+  std::unordered_map<CameraId, double> focal_px;
+  for (const map::MapCamera& camera : content_.cameras) focal_px.emplace(camera.id, camera.pinhole.fx_px);
   std::vector<Vector3d> centers;
   for (std::size_t i = 0; i < in_order.size(); ++i) {
     map::MapPoint& point = *in_order[i];
@@ -325,15 +410,32 @@ absl::Status MapReader::LinkPoints() {
     const map::Keyframe& reference = *FindKeyframe(point.reference.keyframe.value());
     point.descriptor = reference.descriptors()[point.reference.feature];
     map::SetViewing(map::ComputeViewing(point.position, centers, center_of.at(reference.id),
-                                        reference.keypoints()[point.reference.feature].octave, map_row_.info.orb),
+                                        reference.keypoints()[point.reference.feature].octave,
+                                        focal_px.at(reference.camera), map_row_.info.orb),
                     &point);
   }
   content_.points.assign(in_order.begin(), in_order.end());
   return absl::OkStatus();
 }
 
+void MapReader::SetWhatFormat4Added() {
+  const auto next = [](const auto& entities, auto first) {
+    for (const auto& entity : entities) first = std::max(first, decltype(first)(entity.id.value() + 1));
+    return first;
+  };
+  content_.next_camera = next(content_.cameras, CameraId(1));
+  content_.next_session = next(content_.sessions, SessionId(1));
+  if (map_row_.revision == 0) return;
+  content_.components = map::AssignComponents(map_row_.world_from_map, keyframes_, &content_.sessions);
+  content_.next_component = next(content_.components, ComponentId(1));
+}
+
 absl::StatusOr<std::shared_ptr<const map::Snapshot>> MapReader::Assemble() {
   CAIRN_RETURN_IF_ERROR(LinkKeyframes());
+  content_.next_camera = map_row_.next_camera;
+  content_.next_session = map_row_.next_session;
+  content_.next_component = map_row_.next_component;
+  if (format_ < 4) SetWhatFormat4Added();
   CAIRN_RETURN_IF_ERROR(LinkPoints());
   content_.keyframes.assign(keyframes_.begin(), keyframes_.end());
   content_.next_keyframe = map_row_.next_keyframe;

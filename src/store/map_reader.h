@@ -3,11 +3,12 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "base/status.h"
 #include "map/snapshot.h"
-#include "store/map_file.h"
+#include "store/map_store.h"
 #include "store/sqlite.h"
 #include "store/tables.h"
 
@@ -19,12 +20,23 @@ using FindingSink = std::function<absl::Status(const Finding&)>;
 // The finding as an error of fault kDamaged.
 absl::Status DamagedBy(const Finding& finding);
 
+// The features of the current row of table `keyframe_features`, of a keyframe of `camera`. DataLoss (without a fault)
+// that says what is wrong: a checksum, or values that are read by number or cast to one later.
+absl::StatusOr<map::KeyframeFeatures> FeaturesFromRow(const Statement& row, const Pinhole& camera, int num_levels,
+                                                      std::optional<std::uint32_t> num_words);
+// Likewise the points of the current row of table `keyframe_points`.
+absl::StatusOr<std::vector<PointId>> PointIdsFromRow(const Statement& row, std::size_t num_features);
+// The neighbours of a keyframe in their order.
+void SortCovisible(map::Keyframe* keyframe);
+// How many words the vocabulary in the file has; none if that is not known.
+absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords(Database* database);
+
 // Use inside one read transaction, once.
 class MapReader {
  public:
   MapReader(Database* database, FindingSink sink) : database_(database), sink_(std::move(sink)) {}
 
-  // Table map.
+  // The format, and table map.
   absl::Status ReadInfo();
   // Every other table but the vocabulary and the log of changes.
   absl::Status ReadEntities();
@@ -35,15 +47,18 @@ class MapReader {
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> Assemble();
 
   const MapRow& map_row() const { return map_row_; }
+  std::int64_t format() const { return format_; }
 
  private:
   absl::Status Report(absl::string_view table, std::int64_t id, absl::string_view message);
   // Reads the rows of a table with a row checksum in the order of their keys; `take` keeps one.
   template <class Value, class Take>
   absl::Status ReadTable(const TableSpec& table, Take take);
-  // Loops and reported trajectories of the sessions; formats before 2 have none.
+  // Formats before 3 have none.
   absl::Status ReadLenses();
+  // Loops and reported trajectories of the sessions; formats before 2 have none.
   absl::Status ReadTrajectories();
+  absl::Status CheckTouched();
   absl::Status ReadFeatures();
   absl::Status ReadPointIds();
   absl::Status CheckCounts();
@@ -51,9 +66,12 @@ class MapReader {
   map::Keyframe* FindKeyframe(std::int64_t id);
   absl::Status LinkKeyframes();
   absl::Status LinkPoints();
+  // What a map of an older format has none of: components, next ids.
+  void SetWhatFormat4Added();
 
   Database* database_;
   FindingSink sink_;
+  std::int64_t format_ = 0;
   MapRow map_row_;
   map::Delta content_;                                     // but for keyframes and points:
   std::vector<std::shared_ptr<map::Keyframe>> keyframes_;  // ascending

@@ -6,7 +6,8 @@
 
 namespace cairn::store {
 
-absl::Status Migrate(Database* database, std::span<const Migration> migrations) {
+absl::Status Migrate(Database* database, std::span<const Migration> migrations,
+                     const std::function<absl::Status()>& fill) {
   const std::int64_t newest = migrations.empty() ? 0 : migrations.back().version;
   CAIRN_ASSIGN_OR_RETURN(std::int64_t version, database->QueryInt("PRAGMA user_version"));
   if (version == newest) return absl::OkStatus();
@@ -27,6 +28,7 @@ absl::Status Migrate(Database* database, std::span<const Migration> migrations) 
           absl::StrCat("bringing the map to format ", migration.version, " (", migration.name, ")");
       CAIRN_RETURN_IF_ERROR(Annotate(database->Execute(std::string(migration.sql)), context));
     }
+    if (fill) CAIRN_RETURN_IF_ERROR(fill());
     CAIRN_ASSIGN_OR_RETURN(Statement check, database->Prepare("PRAGMA foreign_key_check"));
     CAIRN_ASSIGN_OR_RETURN(const bool broken, check.Step());
     if (broken) {

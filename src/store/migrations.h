@@ -2,6 +2,7 @@
 // order.
 #pragma once
 
+#include <functional>
 #include <span>
 
 #include "absl/strings/string_view.h"
@@ -22,8 +23,10 @@ std::span<const Migration> BuiltInMigrations();
 // SQLite's application_id of a Cairn map: "CAIR".
 inline constexpr std::int64_t kApplicationId = 0x43414952;
 
-// Applies what is newer than the database's user_version, all in one transaction: after an error nothing has changed.
-// Fault kNewerVersion if the database is newer than the last migration.
-absl::Status Migrate(Database* database, std::span<const Migration> migrations);
+// Applies what is newer than the database's user_version, and then `fill` to what is in the tables, all in one
+// transaction: after an error nothing has changed. Fault kNewerVersion if the database is newer than the last
+// migration.
+absl::Status Migrate(Database* database, std::span<const Migration> migrations,
+                     const std::function<absl::Status()>& fill = nullptr);
 
 }  // namespace cairn::store

@@ -248,6 +248,11 @@ absl::Status Database::Close() {
   return absl::OkStatus();
 }
 
+absl::Status Database::CloseWithoutFolding() {
+  sqlite3_db_config(handle_, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr);
+  return Close();
+}
+
 absl::StatusOr<Statement> Database::Prepare(absl::string_view sql) {
   sqlite3_stmt* statement = nullptr;
   const int rc = sqlite3_prepare_v3(handle_, sql.data(), static_cast<int>(sql.size()), SQLITE_PREPARE_PERSISTENT,
@@ -278,14 +283,25 @@ std::int64_t Database::Changes() const { return sqlite3_changes64(handle_); }
 
 bool Database::InTransaction() const { return sqlite3_get_autocommit(handle_) == 0; }
 
+std::int64_t Database::PagesRead() const {
+  int now = 0, highest = 0;
+  sqlite3_db_status(handle_, SQLITE_DBSTATUS_CACHE_MISS, &now, &highest, 0);
+  return now;
+}
+
 absl::StatusOr<std::array<std::uint8_t, Database::kHeaderBytes>> Database::ReadHeader() {
   std::array<std::uint8_t, kHeaderBytes> header{};
+  CAIRN_RETURN_IF_ERROR(ReadRaw(header, 0));
+  return header;
+}
+
+absl::Status Database::ReadRaw(std::span<std::uint8_t> bytes, std::int64_t offset) {
   sqlite3_file* file = nullptr;
   int rc = sqlite3_file_control(handle_, "main", SQLITE_FCNTL_FILE_POINTER, &file);
   if (rc != SQLITE_OK) return SqliteError(handle_, rc);
-  rc = file->pMethods->xRead(file, header.data(), kHeaderBytes, 0);
+  rc = file->pMethods->xRead(file, bytes.data(), static_cast<int>(bytes.size()), offset);
   if (rc != SQLITE_OK && rc != SQLITE_IOERR_SHORT_READ) return SqliteError(nullptr, rc);
-  return header;
+  return absl::OkStatus();
 }
 
 // --- Transaction ---

@@ -81,6 +81,8 @@ class Database {
 
   // All statements must be gone.
   absl::Status Close();
+  // Likewise, but leaves the write-ahead log as it is.
+  absl::Status CloseWithoutFolding();
 
   absl::StatusOr<Statement> Prepare(absl::string_view sql);
   // One or several statements without parameters and results.
@@ -92,11 +94,15 @@ class Database {
   // Rows that the last INSERT, UPDATE or DELETE changed.
   std::int64_t Changes() const;
   bool InTransaction() const;
+  // How many pages this connection has read so far.
+  std::int64_t PagesRead() const;
 
   // The first bytes of the file as it is on disk (docs/map-format.md); zeros beyond its end. Reads through SQLite's own
   // handle: opening the file a second time would drop the locks that this process holds on it.
   static constexpr std::size_t kHeaderBytes = 100;
   absl::StatusOr<std::array<std::uint8_t, kHeaderBytes>> ReadHeader();
+  // Likewise any bytes, from `offset` on.
+  absl::Status ReadRaw(std::span<std::uint8_t> bytes, std::int64_t offset);
 
  private:
   explicit Database(sqlite3* handle) : handle_(handle) {}

@@ -1,12 +1,16 @@
 #include "store/tables.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
 #include <limits>
+#include <vector>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "store/blobs.h"
 
 namespace cairn::store {
@@ -15,7 +19,42 @@ namespace {
 using std::int64_t;
 using StringView = absl::string_view;
 
-constexpr std::array<StringView, 26> kMapColumns = {
+constexpr std::array<StringView, 33> kMapColumns = {
+    "id",
+    "map_id",
+    "name",
+    "software_version",
+    "created_unix_ns",
+    "orb_num_features",
+    "orb_num_levels",
+    "orb_scale_factor",
+    "orb_fast_threshold",
+    "orb_min_fast_threshold",
+    "vocabulary_hash",
+    "revision",
+    "next_keyframe",
+    "next_point",
+    "keyframe_count",
+    "point_count",
+    "covisibility_count",
+    "log_token",
+    "previous_log_token",
+    "log_schema_cookie",
+    "next_camera",
+    "next_session",
+    "next_component",
+    "geo_latitude_deg",
+    "geo_longitude_deg",
+    "geo_height_m",
+    "geo_enu_from_world_qx",
+    "geo_enu_from_world_qy",
+    "geo_enu_from_world_qz",
+    "geo_enu_from_world_qw",
+    "info_revision",
+    "oldest_delta_base",
+    "row_checksum",
+};
+constexpr std::array<StringView, 26> kMapColumnsBefore4 = {
     "id",
     "map_id",
     "name",
@@ -43,7 +82,7 @@ constexpr std::array<StringView, 26> kMapColumns = {
     "covisibility_count",
     "row_checksum",
 };
-constexpr std::array<StringView, 17> kCamerasColumns = {
+constexpr std::array<StringView, 18> kCamerasColumns = {
     "id",
     "name",
     "model",
@@ -60,13 +99,47 @@ constexpr std::array<StringView, 17> kCamerasColumns = {
     "pinhole_fy_px",
     "pinhole_cx_px",
     "pinhole_cy_px",
+    "revision",
     "row_checksum",
 };
 constexpr std::array<StringView, 5> kLensesColumns = {"camera", "focal_scale", "k1", "k2", "row_checksum"};
-constexpr std::array<StringView, 11> kSessionsColumns = {
+constexpr std::array<StringView, 16> kSessionsColumns = {
     "id",      "camera",          "source",        "software_version", "settings_json", "first_ns",
-    "last_ns", "started_unix_ns", "ended_unix_ns", "complete",         "row_checksum",
+    "last_ns", "started_unix_ns", "ended_unix_ns", "complete",         "removed",       "policy",
+    "result",  "components",      "revision",      "row_checksum",
 };
+constexpr std::array<StringView, 29> kComponentsColumns = {
+    "id",
+    "session",
+    "world_from_component_scale",
+    "world_from_component_qx",
+    "world_from_component_qy",
+    "world_from_component_qz",
+    "world_from_component_qw",
+    "world_from_component_tx",
+    "world_from_component_ty",
+    "world_from_component_tz",
+    "joined_into",
+    "into_from_component_scale",
+    "into_from_component_qx",
+    "into_from_component_qy",
+    "into_from_component_qz",
+    "into_from_component_qw",
+    "into_from_component_tx",
+    "into_from_component_ty",
+    "into_from_component_tz",
+    "joined_keyframe",
+    "joined_into_keyframe",
+    "joined_keyframe_time_ns",
+    "joined_matches",
+    "joined_keyframes_agreeing",
+    "joined_keyframes_checked",
+    "joined_revision",
+    "joined_unix_ns",
+    "revision",
+    "row_checksum",
+};
+constexpr std::array<StringView, 4> kTouchedColumns = {"revision", "kind", "ids_checksum", "ids"};
 constexpr std::array<StringView, 12> kLoopsColumns = {
     "session", "number", "keyframe", "keyframe_time_ns", "loop_keyframe", "loop_time_ns",
     "matches", "scale",  "shift",    "turn_rad",         "way",           "row_checksum",
@@ -74,7 +147,7 @@ constexpr std::array<StringView, 12> kLoopsColumns = {
 constexpr std::array<StringView, 6> kTrajectoriesColumns = {
     "session", "refined", "keyframes", "collinear", "reason", "row_checksum",
 };
-constexpr std::array<StringView, 22> kKeyframesColumns = {
+constexpr std::array<StringView, 24> kKeyframesColumns = {
     "id",
     "session",
     "camera",
@@ -96,10 +169,12 @@ constexpr std::array<StringView, 22> kKeyframesColumns = {
     "camera_from_direct_tz",
     "direct_segment",
     "parent",
+    "component",
+    "revision",
     "row_checksum",
 };
-constexpr std::array<StringView, 8> kPointsColumns = {
-    "id", "x", "y", "z", "reference_keyframe", "times_visible", "times_found", "row_checksum",
+constexpr std::array<StringView, 9> kPointsColumns = {
+    "id", "x", "y", "z", "reference_keyframe", "times_visible", "times_found", "revision", "row_checksum",
 };
 constexpr std::array<StringView, 4> kCovisibilityColumns = {
     "keyframe_a",
@@ -107,15 +182,22 @@ constexpr std::array<StringView, 4> kCovisibilityColumns = {
     "shared_points",
     "row_checksum",
 };
-constexpr std::array<StringView, 8> kChangesColumns = {
-    "revision",          "reason",     "committed_unix_ns", "keyframes_put",
-    "keyframes_removed", "points_put", "points_removed",    "row_checksum",
+constexpr std::array<StringView, 16> kChangesColumns = {
+    "revision",        "reason",         "committed_unix_ns", "keyframes_put",      "keyframes_removed",
+    "points_put",      "points_removed", "session",           "components",         "cameras_put",
+    "cameras_removed", "sessions_put",   "components_put",    "components_removed", "info_put",
+    "row_checksum",
 };
-constexpr std::array<StringView, 10> kFeaturesColumns = {
+constexpr std::array<StringView, 11> kFeaturesColumns = {
     "keyframe",       "feature_count", "keypoint_layout", "word_bytes", "keypoints_checksum", "descriptors_checksum",
-    "words_checksum", "keypoints",     "descriptors",     "words",
+    "words_checksum", "keypoints",     "descriptors",     "words",      "revision",
 };
-constexpr std::array<StringView, 3> kKeyframePointsColumns = {"keyframe", "point_ids_checksum", "point_ids"};
+constexpr std::array<StringView, 4> kKeyframePointsColumns = {
+    "keyframe",
+    "point_ids_checksum",
+    "point_ids",
+    "revision",
+};
 constexpr std::array<StringView, 3> kVocabularyColumns = {"id", "bytes_checksum", "bytes"};
 
 absl::Status OutOfRange(StringView column) {
@@ -149,6 +231,66 @@ bool ReadPose(const Statement& row, int column, Quaterniond* rotation, Vector3d*
   return std::abs(rotation->norm() - 1.0) < 1e-6 && translation->allFinite();
 }
 
+bool ReadRevision(const Statement& row, int column, Revision* revision) {
+  if (row.Int(column) < 0) return false;
+  *revision = static_cast<Revision>(row.Int(column));
+  return true;
+}
+
+void AddSimilarity(const std::optional<Sim3>& similarity, Row* row) {
+  if (!similarity) {
+    for (int i = 0; i < 8; ++i) row->Null();
+    return;
+  }
+  row->Real(similarity->scale());
+  AddPose(similarity->rotation(), similarity->translation(), row);
+}
+
+// Eight columns, the scale first; all NULL: none.
+absl::Status ReadSimilarity(const Statement& row, int column, StringView name, std::optional<Sim3>* similarity) {
+  similarity->reset();
+  if (row.ColumnType(column) == Statement::Type::kNull) return absl::OkStatus();
+  Quaterniond rotation;
+  Vector3d translation;
+  const double scale = row.Real(column);
+  if (!ReadPose(row, column + 1, &rotation, &translation) || !std::isfinite(scale) || scale <= 0.0) {
+    return absl::DataLossError(absl::StrCat(name, " is not a similarity transform"));
+  }
+  *similarity = Sim3::FromUnit(rotation, translation, scale);
+  return absl::OkStatus();
+}
+
+template <class IdType>
+bool ReadIdOrNone(const Statement& row, int column, IdType* id) {
+  *id = IdType();
+  return row.Int(column) == 0 || ReadId(row, column, id);
+}
+
+// The enumerator of that name.
+template <class Enum>
+bool FindNamed(std::initializer_list<Enum> all, const char* (*name_of)(Enum), StringView name, Enum* value) {
+  const auto found = std::find_if(all.begin(), all.end(), [&](Enum one) { return name == name_of(one); });
+  if (found == all.end()) return false;
+  *value = *found;
+  return true;
+}
+
+// "1,2,5"
+std::string IdList(const std::vector<ComponentId>& ids) {
+  return absl::StrJoin(ids, ",", [](std::string* out, ComponentId id) { absl::StrAppend(out, id.value()); });
+}
+
+bool ReadIdList(StringView text, std::vector<ComponentId>* ids) {
+  ids->clear();
+  if (text.empty()) return true;
+  for (const StringView part : absl::StrSplit(text, ',')) {
+    std::uint32_t id = 0;
+    if (!absl::SimpleAtoi(part, &id) || id == 0) return false;
+    ids->push_back(ComponentId(id));
+  }
+  return true;
+}
+
 absl::Status ReadRigid(const Statement& row, int column, StringView name, SE3* pose) {
   Quaterniond rotation;
   Vector3d translation;
@@ -161,22 +303,31 @@ absl::Status ReadRigid(const Statement& row, int column, StringView name, SE3* p
 
 }  // namespace
 
-const TableSpec kMapTable{"map", kMapColumns};
-const TableSpec kCamerasTable{"cameras", kCamerasColumns};
+const TableSpec kMapTable{"map", kMapColumns, 1, 0, kMapColumnsBefore4};
+const TableSpec kCamerasTable{"cameras", kCamerasColumns, 1, 1};
 const TableSpec kLensesTable{"lenses", kLensesColumns};
-const TableSpec kSessionsTable{"sessions", kSessionsColumns};
+const TableSpec kSessionsTable{"sessions", kSessionsColumns, 1, 5};
+const TableSpec kComponentsTable{"components", kComponentsColumns};
 const TableSpec kLoopsTable{"loops", kLoopsColumns, 2};
 const TableSpec kTrajectoriesTable{"reported_trajectories", kTrajectoriesColumns};
-const TableSpec kKeyframesTable{"keyframes", kKeyframesColumns};
-const TableSpec kPointsTable{"points", kPointsColumns};
+const TableSpec kKeyframesTable{"keyframes", kKeyframesColumns, 1, 2};
+const TableSpec kPointsTable{"points", kPointsColumns, 1, 1};
 const TableSpec kCovisibilityTable{"covisibility", kCovisibilityColumns, 2};
-const TableSpec kChangesTable{"changes", kChangesColumns};
-const TableSpec kFeaturesTable{"keyframe_features", kFeaturesColumns};
-const TableSpec kKeyframePointsTable{"keyframe_points", kKeyframePointsColumns};
+const TableSpec kChangesTable{"changes", kChangesColumns, 1, 8};
+const TableSpec kFeaturesTable{"keyframe_features", kFeaturesColumns, 1, 0, std::span(kFeaturesColumns).first(10)};
+const TableSpec kKeyframePointsTable{"keyframe_points", kKeyframePointsColumns, 1, 0,
+                                     std::span(kKeyframePointsColumns).first(3)};
 const TableSpec kVocabularyTable{"vocabulary", kVocabularyColumns};
+const TableSpec kTouchedTable{"touched", kTouchedColumns, 2};
 
-std::string TableSpec::SelectSql(StringView rest) const {
-  return absl::StrCat("SELECT ", absl::StrJoin(columns, ", "), " FROM ", name, " ", rest);
+std::string TableSpec::SelectSql(StringView rest, std::int64_t format) const {
+  std::vector<StringView> selected(columns.begin(), columns.end());
+  if (format < 4 && !before_4.empty()) {
+    selected.assign(before_4.begin(), before_4.end());
+  } else if (format < 4) {
+    selected.erase(selected.end() - 1 - static_cast<std::ptrdiff_t>(num_new_in_4), selected.end() - 1);
+  }
+  return absl::StrCat("SELECT ", absl::StrJoin(selected, ", "), " FROM ", name, " ", rest);
 }
 
 std::string TableSpec::UpsertSql() const {
@@ -211,56 +362,87 @@ Row RowOf(const MapRow& value) {
   } else {
     row.Null();
   }
-  if (info.world_from_map) {
-    row.Real(info.world_from_map->scale());
-    AddPose(info.world_from_map->rotation(), info.world_from_map->translation(), &row);
-  } else {
-    for (int i = 0; i < 8; ++i) row.Null();
-  }
   row.Int(static_cast<int64_t>(value.revision)).Int(value.next_keyframe.value()).Int(value.next_point.value());
   row.Int(value.keyframe_count).Int(value.point_count).Int(value.covisibility_count);
+  row.Text(value.log_token).Text(value.previous_log_token).Int(value.log_schema_cookie);
+  row.Int(value.next_camera.value()).Int(value.next_session.value()).Int(value.next_component.value());
+  if (const auto& anchor = info.geo_anchor) {
+    row.Real(anchor->latitude_deg).Real(anchor->longitude_deg).Real(anchor->height_m);
+    const Quaterniond& rotation = anchor->enu_from_world;
+    row.Real(rotation.x()).Real(rotation.y()).Real(rotation.z()).Real(rotation.w());
+  } else {
+    for (int i = 0; i < 7; ++i) row.Null();
+  }
+  row.Int(static_cast<int64_t>(value.info_revision)).Int(static_cast<int64_t>(value.oldest_delta_base));
   return row;
 }
 
-absl::Status FromRow(const Statement& row, MapRow* value) {
-  map::MapInfo& info = value->info;
-  info.id = std::string(row.Text(1));
-  info.name = std::string(row.Text(2));
-  info.software_version = std::string(row.Text(3));
-  info.created_unix_ns = row.Int(4);
-  if (!ReadInt(row, 5, &info.orb.num_features) || !ReadInt(row, 6, &info.orb.num_levels) ||
-      !ReadInt(row, 8, &info.orb.fast_threshold) || !ReadInt(row, 9, &info.orb.min_fast_threshold)) {
+namespace {
+
+// The columns up to the vocabulary, the same in all formats.
+absl::Status ReadInfo(const Statement& row, map::MapInfo* info) {
+  info->id = std::string(row.Text(1));
+  info->name = std::string(row.Text(2));
+  info->software_version = std::string(row.Text(3));
+  info->created_unix_ns = row.Int(4);
+  if (!ReadInt(row, 5, &info->orb.num_features) || !ReadInt(row, 6, &info->orb.num_levels) ||
+      !ReadInt(row, 8, &info->orb.fast_threshold) || !ReadInt(row, 9, &info->orb.min_fast_threshold)) {
     return OutOfRange("orb_...");
   }
-  info.orb.scale_factor = row.Real(7);
-  CAIRN_RETURN_IF_ERROR(info.orb.Validate());
-  info.vocabulary_hash = 0;
-  if (row.ColumnType(10) != Statement::Type::kNull && !absl::SimpleHexAtoi(row.Text(10), &info.vocabulary_hash)) {
+  info->orb.scale_factor = row.Real(7);
+  CAIRN_RETURN_IF_ERROR(info->orb.Validate());
+  info->vocabulary_hash = 0;
+  if (row.ColumnType(10) != Statement::Type::kNull && !absl::SimpleHexAtoi(row.Text(10), &info->vocabulary_hash)) {
     return OutOfRange("vocabulary_hash");
   }
-  info.world_from_map.reset();
-  if (row.ColumnType(11) != Statement::Type::kNull) {
-    Quaterniond rotation;
-    Vector3d translation;
-    const double scale = row.Real(11);
-    if (!ReadPose(row, 12, &rotation, &translation) || !std::isfinite(scale) || scale <= 0.0) {
-      return absl::DataLossError("world_from_map is not a similarity transform");
-    }
-    info.world_from_map = Sim3::FromUnit(rotation, translation, scale);
+  return absl::OkStatus();
+}
+
+// The columns from the revision on that all formats have, the first of them at `column`.
+absl::Status ReadCounts(const Statement& row, int column, MapRow* value) {
+  if (!ReadRevision(row, column, &value->revision)) return OutOfRange("revision");
+  if (!ReadId(row, column + 1, &value->next_keyframe)) return OutOfRange("next_keyframe");
+  if (!ReadId(row, column + 2, &value->next_point)) return OutOfRange("next_point");
+  value->keyframe_count = row.Int(column + 3);
+  value->point_count = row.Int(column + 4);
+  value->covisibility_count = row.Int(column + 5);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status FromRow(const Statement& row, MapRow* value) {
+  CAIRN_RETURN_IF_ERROR(ReadInfo(row, &value->info));
+  value->world_from_map.reset();
+  value->info.geo_anchor.reset();
+  if (row.num_columns() == static_cast<int>(kMapColumnsBefore4.size())) {
+    CAIRN_RETURN_IF_ERROR(ReadSimilarity(row, 11, "world_from_map", &value->world_from_map));
+    return ReadCounts(row, 19, value);
   }
-  if (row.Int(19) < 0) return OutOfRange("revision");
-  value->revision = static_cast<Revision>(row.Int(19));
-  if (!ReadId(row, 20, &value->next_keyframe)) return OutOfRange("next_keyframe");
-  if (!ReadId(row, 21, &value->next_point)) return OutOfRange("next_point");
-  value->keyframe_count = row.Int(22);
-  value->point_count = row.Int(23);
-  value->covisibility_count = row.Int(24);
+  CAIRN_RETURN_IF_ERROR(ReadCounts(row, 11, value));
+  value->log_token = std::string(row.Text(17));
+  value->previous_log_token = std::string(row.Text(18));
+  value->log_schema_cookie = row.Int(19);
+  if (!ReadId(row, 20, &value->next_camera)) return OutOfRange("next_camera");
+  if (!ReadId(row, 21, &value->next_session)) return OutOfRange("next_session");
+  if (!ReadId(row, 22, &value->next_component)) return OutOfRange("next_component");
+  if (row.ColumnType(23) != Statement::Type::kNull) {
+    map::GeoAnchor anchor;
+    anchor.latitude_deg = row.Real(23);
+    anchor.longitude_deg = row.Real(24);
+    anchor.height_m = row.Real(25);
+    anchor.enu_from_world = Quaterniond(row.Real(29), row.Real(26), row.Real(27), row.Real(28));
+    CAIRN_RETURN_IF_ERROR(anchor.Validate());
+    value->info.geo_anchor = anchor;
+  }
+  if (!ReadRevision(row, 30, &value->info_revision)) return OutOfRange("info_revision");
+  if (!ReadRevision(row, 31, &value->oldest_delta_base)) return OutOfRange("oldest_delta_base");
   return absl::OkStatus();
 }
 
 // --- cameras ---
 
-Row RowOf(const map::MapCamera& value, std::string* distortion_blob) {
+Row RowOf(const map::MapCamera& value, Revision revision, std::string* distortion_blob) {
   *distortion_blob = PackDoubles(value.model.distortion);
   const Camera& model = value.model;
   const Pinhole& pinhole = value.pinhole;
@@ -273,6 +455,7 @@ Row RowOf(const map::MapCamera& value, std::string* distortion_blob) {
   row.Real(model.fx_px).Real(model.fy_px).Real(model.cx_px).Real(model.cy_px).Blob(AsBytes(*distortion_blob));
   row.Int(pinhole.width_px).Int(pinhole.height_px);
   row.Real(pinhole.fx_px).Real(pinhole.fy_px).Real(pinhole.cx_px).Real(pinhole.cy_px);
+  row.Int(static_cast<int64_t>(revision));
   return row;
 }
 
@@ -315,11 +498,13 @@ absl::Status FromRow(const Statement& row, LensRow* value) {
 
 // --- sessions ---
 
-Row RowOf(const map::Session& value) {
+Row RowOf(const map::Session& value, Revision revision) {
   Row row;
   row.Int(value.id.value()).Int(value.camera.value()).Text(value.source).Text(value.software_version);
   row.Text(value.settings_json).Int(value.first_ns).Int(value.last_ns);
   row.Int(value.started_unix_ns).Int(value.ended_unix_ns).Int(value.complete ? 1 : 0);
+  row.Int(value.removed ? 1 : 0).Text(SessionPolicyName(value.policy)).Text(SessionResultName(value.result));
+  row.TextCopy(IdList(value.components)).Int(static_cast<int64_t>(revision));
   return row;
 }
 
@@ -334,6 +519,71 @@ absl::Status FromRow(const Statement& row, map::Session* value) {
   value->started_unix_ns = row.Int(7);
   value->ended_unix_ns = row.Int(8);
   value->complete = row.Int(9) != 0;
+  if (row.num_columns() < static_cast<int>(kSessionsColumns.size())) {
+    // Before format 4 there was nothing but to create a map. The components come with their assignment.
+    value->result = value->complete ? map::SessionResult::kCreated : map::SessionResult::kUnknown;
+    return absl::OkStatus();
+  }
+  value->removed = row.Int(10) != 0;
+  if (!FindNamed({map::SessionPolicy::kCreate, map::SessionPolicy::kExtend}, map::SessionPolicyName, row.Text(11),
+                 &value->policy)) {
+    return OutOfRange("policy");
+  }
+  if (!FindNamed({map::SessionResult::kUnknown, map::SessionResult::kCreated, map::SessionResult::kLocated,
+                  map::SessionResult::kApart},
+                 map::SessionResultName, row.Text(12), &value->result)) {
+    return OutOfRange("result");
+  }
+  return ReadIdList(row.Text(13), &value->components) ? absl::OkStatus() : OutOfRange("components");
+}
+
+// --- components ---
+
+Row RowOf(const map::Component& value, Revision revision) {
+  Row row;
+  row.Int(value.id.value());
+  if (value.session) {
+    row.Int(value.session.value());
+  } else {
+    row.Null();
+  }
+  AddSimilarity(value.world_from_component, &row);
+  if (const auto& joined = value.joined) {
+    row.Int(joined->into.value());
+    AddSimilarity(joined->into_from_component, &row);
+    row.Int(joined->keyframe.value()).Int(joined->into_keyframe.value()).Int(joined->keyframe_time_ns);
+    row.Int(joined->matches).Int(joined->keyframes_agreeing).Int(joined->keyframes_checked);
+    row.Int(static_cast<int64_t>(joined->revision)).Int(joined->joined_unix_ns);
+  } else {
+    for (int i = 0; i < 17; ++i) row.Null();
+  }
+  row.Int(static_cast<int64_t>(revision));
+  return row;
+}
+
+absl::Status FromRow(const Statement& row, map::Component* value) {
+  if (!ReadId(row, 0, &value->id)) return OutOfRange("id");
+  value->session = SessionId();
+  if (row.ColumnType(1) != Statement::Type::kNull && !ReadId(row, 1, &value->session)) return OutOfRange("session");
+  CAIRN_RETURN_IF_ERROR(ReadSimilarity(row, 2, "world_from_component", &value->world_from_component));
+  value->joined.reset();
+  if (row.ColumnType(10) == Statement::Type::kNull) return absl::OkStatus();
+  map::ComponentJoin joined;
+  if (!ReadId(row, 10, &joined.into)) return OutOfRange("joined_into");
+  std::optional<Sim3> into_from_component;
+  CAIRN_RETURN_IF_ERROR(ReadSimilarity(row, 11, "into_from_component", &into_from_component));
+  if (!into_from_component) return OutOfRange("into_from_component_...");
+  joined.into_from_component = *into_from_component;
+  if (!ReadIdOrNone(row, 19, &joined.keyframe)) return OutOfRange("joined_keyframe");
+  if (!ReadIdOrNone(row, 20, &joined.into_keyframe)) return OutOfRange("joined_into_keyframe");
+  joined.keyframe_time_ns = row.Int(21);
+  if (!ReadInt(row, 22, &joined.matches) || !ReadInt(row, 23, &joined.keyframes_agreeing) ||
+      !ReadInt(row, 24, &joined.keyframes_checked)) {
+    return OutOfRange("joined_matches, joined_keyframes_...");
+  }
+  if (!ReadRevision(row, 25, &joined.revision)) return OutOfRange("joined_revision");
+  joined.joined_unix_ns = row.Int(26);
+  value->joined = joined;
   return absl::OkStatus();
 }
 
@@ -384,7 +634,7 @@ absl::Status FromRow(const Statement& row, TrajectoryRow* value) {
 
 // --- keyframes ---
 
-Row RowOf(const map::Keyframe& value) {
+Row RowOf(const map::Keyframe& value, Revision revision) {
   Row row;
   row.Int(value.id.value()).Int(value.session.value()).Int(value.camera.value());
   row.Int(value.time_ns).Int(value.frame_index);
@@ -396,6 +646,7 @@ Row RowOf(const map::Keyframe& value) {
   } else {
     row.Null();
   }
+  row.Int(value.component.value()).Int(static_cast<int64_t>(revision));
   return row;
 }
 
@@ -410,15 +661,18 @@ absl::Status FromRow(const Statement& row, map::Keyframe* value) {
   value->direct_segment = row.Int(19);
   value->parent = KeyframeId();
   if (row.ColumnType(20) != Statement::Type::kNull && !ReadId(row, 20, &value->parent)) return OutOfRange("parent");
+  const bool has_component = row.num_columns() == static_cast<int>(kKeyframesColumns.size());
+  if (has_component && !ReadId(row, 21, &value->component)) return OutOfRange("component");
   return absl::OkStatus();
 }
 
 // --- points ---
 
-Row RowOf(const PointRow& value) {
+Row RowOf(const PointRow& value, Revision revision) {
   Row row;
   row.Int(value.id.value()).Real(value.position.x()).Real(value.position.y()).Real(value.position.z());
   row.Int(value.reference_keyframe.value()).Int(value.times_visible).Int(value.times_found);
+  row.Int(static_cast<int64_t>(revision));
   return row;
 }
 
@@ -454,6 +708,13 @@ Row RowOf(const LoggedChange& value) {
   Row row;
   row.Int(static_cast<int64_t>(value.revision)).Text(value.reason).Int(value.committed_unix_ns);
   row.Int(value.keyframes_put).Int(value.keyframes_removed).Int(value.points_put).Int(value.points_removed);
+  if (value.session) {
+    row.Int(value.session.value());
+  } else {
+    row.Null();
+  }
+  row.TextCopy(IdList(value.components)).Int(value.cameras_put).Int(value.cameras_removed).Int(value.sessions_put);
+  row.Int(value.components_put).Int(value.components_removed).Int(value.info_put ? 1 : 0);
   return row;
 }
 
@@ -465,6 +726,15 @@ absl::Status FromRow(const Statement& row, LoggedChange* value) {
   value->keyframes_removed = row.Int(4);
   value->points_put = row.Int(5);
   value->points_removed = row.Int(6);
+  if (row.num_columns() < static_cast<int>(kChangesColumns.size())) return absl::OkStatus();
+  if (row.ColumnType(7) != Statement::Type::kNull && !ReadId(row, 7, &value->session)) return OutOfRange("session");
+  if (!ReadIdList(row.Text(8), &value->components)) return OutOfRange("components");
+  value->cameras_put = row.Int(9);
+  value->cameras_removed = row.Int(10);
+  value->sessions_put = row.Int(11);
+  value->components_put = row.Int(12);
+  value->components_removed = row.Int(13);
+  value->info_put = row.Int(14) != 0;
   return absl::OkStatus();
 }
 

@@ -2,23 +2,30 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 
 #include "base/status.h"
 #include "map/entities.h"
-#include "store/map_file.h"
+#include "store/map_store.h"
 #include "store/row.h"
 
 namespace cairn::store {
+
+// The formats that the code of this folder tells apart.
+inline constexpr std::int64_t kNewestFormat = 4;
 
 struct TableSpec {
   absl::string_view name;
   std::span<const absl::string_view> columns;  // the key first
   std::size_t num_keys = 1;
+  // The table before format 4: without so many columns before the last, or as `before_4` says.
+  std::size_t num_new_in_4 = 0;
+  std::span<const absl::string_view> before_4 = {};
 
-  // "SELECT <columns> FROM <name> <rest>"
-  std::string SelectSql(absl::string_view rest) const;
+  // "SELECT <columns> FROM <name> <rest>", of the columns that a format has.
+  std::string SelectSql(absl::string_view rest, std::int64_t format = kNewestFormat) const;
   // Inserts the row, or replaces everything but the key where there is one.
   std::string UpsertSql() const;
   // Replaces everything but the key of the row, if there is one.
@@ -30,6 +37,7 @@ extern const TableSpec kMapTable;
 extern const TableSpec kCamerasTable;
 extern const TableSpec kLensesTable;
 extern const TableSpec kSessionsTable;
+extern const TableSpec kComponentsTable;
 extern const TableSpec kLoopsTable;
 extern const TableSpec kTrajectoriesTable;
 extern const TableSpec kKeyframesTable;
@@ -40,16 +48,27 @@ extern const TableSpec kChangesTable;
 extern const TableSpec kFeaturesTable;
 extern const TableSpec kKeyframePointsTable;
 extern const TableSpec kVocabularyTable;
+extern const TableSpec kTouchedTable;
 
 // The only row of table `map`.
 struct MapRow {
   map::MapInfo info;
+  std::optional<Sim3> world_from_map;  // of formats before 4
   Revision revision = 0;
   KeyframeId next_keyframe{1};
   PointId next_point{1};
+  CameraId next_camera{1};
+  SessionId next_session{1};
+  ComponentId next_component{1};
   std::int64_t keyframe_count = 0;
   std::int64_t point_count = 0;
   std::int64_t covisibility_count = 0;
+  // write_ahead_log.h
+  std::string log_token;
+  std::string previous_log_token;
+  std::int64_t log_schema_cookie = 0;
+  Revision info_revision = 0;      // of the last change of `info`
+  Revision oldest_delta_base = 0;  // the first revision of which table `touched` still knows what followed
 };
 
 // One row of table `lenses`.
@@ -87,23 +106,26 @@ struct PointRow {
   int times_found = 0;
 };
 
-// What is written. The row refers to texts of the value.
+// What is written. The row refers to texts of the value. `revision`: of the change that puts it.
 Row RowOf(const MapRow& value);
-Row RowOf(const map::MapCamera& value, std::string* distortion_blob);
+Row RowOf(const map::MapCamera& value, Revision revision, std::string* distortion_blob);
 Row RowOf(const LensRow& value);
-Row RowOf(const map::Session& value);
+Row RowOf(const map::Session& value, Revision revision);
+Row RowOf(const map::Component& value, Revision revision);
 Row RowOf(const LoopRow& value);
 Row RowOf(const TrajectoryRow& value);
-Row RowOf(const map::Keyframe& value);
-Row RowOf(const PointRow& value);
+Row RowOf(const map::Keyframe& value, Revision revision);
+Row RowOf(const PointRow& value, Revision revision);
 Row RowOf(const EdgeRow& value);
 Row RowOf(const LoggedChange& value);
 
-// What was read. DataLoss (without a fault: the caller knows the table and row) if a value is out of its range.
+// What was read, of any format. DataLoss (without a fault: the caller knows the table and row) if a value is out of its
+// range.
 absl::Status FromRow(const Statement& row, MapRow* value);
 absl::Status FromRow(const Statement& row, map::MapCamera* value);
 absl::Status FromRow(const Statement& row, LensRow* value);
 absl::Status FromRow(const Statement& row, map::Session* value);
+absl::Status FromRow(const Statement& row, map::Component* value);
 absl::Status FromRow(const Statement& row, LoopRow* value);
 absl::Status FromRow(const Statement& row, TrajectoryRow* value);
 absl::Status FromRow(const Statement& row, map::Keyframe* value);

@@ -137,8 +137,12 @@ class MapGrower {
 
   map::Delta Align(std::shared_ptr<const map::Snapshot> base) {
     map::Edit edit(base);
+    map::Component component = base->components().begin()->second;
+    component.world_from_component =
+        Sim3(ExpSO3(Vector3d(0.1, -0.2, 0.3)), Vector3d(1, -2, -0.0), random_.Uniform(0.5, 3.0));
+    edit.PutComponent(component);
     map::MapInfo info = base->info();
-    info.world_from_map = Sim3(ExpSO3(Vector3d(0.1, -0.2, 0.3)), Vector3d(1, -2, -0.0), random_.Uniform(0.5, 3.0));
+    info.geo_anchor = map::GeoAnchor{random_.Uniform(-80, 80), -0.0, 412.25, Quaterniond(ExpSO3(Vector3d(0, 0, 0.7)))};
     edit.SetInfo(info);
     return edit.Finish("align to reference_sfm.txt");
   }
@@ -178,6 +182,10 @@ class Bits {
     Add(snapshot.revision());
     Add(snapshot.next_keyframe());
     Add(snapshot.next_point());
+    Add(snapshot.next_camera());
+    Add(snapshot.next_session());
+    Add(snapshot.next_component());
+    for (const auto& [id, component] : snapshot.components()) AddComponent(component);
     AddInfo(snapshot.info());
     for (const auto& [id, camera] : snapshot.cameras()) {
       Add(id);
@@ -199,6 +207,10 @@ class Bits {
         Add(value);
       }
       Add(session.complete);
+      Add(session.removed);
+      Add(session.policy);
+      Add(session.result);
+      for (const ComponentId component : session.components) Add(component);
       for (const map::ClosedLoop& loop : session.loops) {
         for (const KeyframeId keyframe : {loop.keyframe, loop.loop_keyframe}) Add(keyframe);
         for (const std::int64_t value : {loop.keyframe_time_ns, loop.loop_time_ns}) Add(value);
@@ -243,16 +255,38 @@ class Bits {
     Add(info.orb.fast_threshold);
     Add(info.orb.min_fast_threshold);
     Add(info.vocabulary_hash);
-    Add(info.world_from_map.has_value());
-    if (!info.world_from_map) return;
-    Add(info.world_from_map->scale());
-    AddMatrix(info.world_from_map->rotation().coeffs());
-    AddMatrix(info.world_from_map->translation());
+    Add(info.geo_anchor.has_value());
+    if (!info.geo_anchor) return;
+    for (const double value :
+         {info.geo_anchor->latitude_deg, info.geo_anchor->longitude_deg, info.geo_anchor->height_m})
+      Add(value);
+    AddMatrix(info.geo_anchor->enu_from_world.coeffs());
+  }
+  void AddSimilarity(const Sim3& similarity) {
+    Add(similarity.scale());
+    AddMatrix(similarity.rotation().coeffs());
+    AddMatrix(similarity.translation());
+  }
+  void AddComponent(const map::Component& component) {
+    Add(component.id);
+    Add(component.session);
+    Add(component.world_from_component.has_value());
+    if (component.world_from_component) AddSimilarity(*component.world_from_component);
+    Add(component.joined.has_value());
+    if (!component.joined) return;
+    const map::ComponentJoin& joined = *component.joined;
+    Add(joined.into);
+    AddSimilarity(joined.into_from_component);
+    for (const KeyframeId keyframe : {joined.keyframe, joined.into_keyframe}) Add(keyframe);
+    for (const int value : {joined.matches, joined.keyframes_agreeing, joined.keyframes_checked}) Add(value);
+    for (const std::int64_t value : {joined.keyframe_time_ns, joined.joined_unix_ns}) Add(value);
+    Add(joined.revision);
   }
   void AddKeyframe(const map::Keyframe& keyframe) {
     Add(keyframe.id);
     Add(keyframe.session);
     Add(keyframe.camera);
+    Add(keyframe.component);
     Add(keyframe.time_ns);
     Add(keyframe.frame_index);
     AddPose(keyframe.camera_from_map);
@@ -285,8 +319,7 @@ class Bits {
     Add(point.reference.feature);
     Add(point.descriptor);
     AddMatrix(point.mean_view_direction);
-    Add(point.min_distance);
-    Add(point.max_distance);
+    Add(point.pixel_size);
   }
 
   std::string bits_;

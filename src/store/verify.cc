@@ -1,10 +1,10 @@
-// MapFile::Verify.
+// SqliteMapStore::Verify.
 #include <utility>
 
-#include "store/map_file.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/sqlite.h"
+#include "store/sqlite_map_store.h"
 
 namespace cairn::store {
 namespace {
@@ -80,7 +80,7 @@ class Verification {
 
 }  // namespace
 
-absl::StatusOr<std::vector<Finding>> MapFile::Verify() {
+absl::StatusOr<std::vector<Finding>> SqliteMapStore::Verify() {
   auto verified = [&]() -> absl::StatusOr<std::vector<Finding>> {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <utility>
 
@@ -40,6 +41,24 @@ bool IsStillNamed(int descriptor, const std::string& path) {
          opened.st_ino == named.st_ino;
 }
 
+// Whoever is refused wants to know by whom. Nothing depends on it: on a full disk the file stays empty.
+void NoteHolder(int descriptor) {
+  const std::string text = absl::StrCat(getpid(), "\n");
+  if (ftruncate(descriptor, 0) != 0 || pwrite(descriptor, text.data(), text.size(), 0) < 0) return;
+}
+
+std::string HolderOf(const std::string& path) {
+  char text[32] = {};
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor >= 0) {
+    if (read(descriptor, text, sizeof(text) - 1) < 0) text[0] = '\0';
+    close(descriptor);
+  }
+  const long pid = std::strtol(text, nullptr, 10);
+  if (pid <= 0) return "another process";
+  return pid == getpid() ? "this process already" : absl::StrCat("another process (", pid, ")");
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<WriterLock>> WriterLock::Acquire(const std::string& map_path) {
@@ -54,9 +73,11 @@ absl::StatusOr<std::unique_ptr<WriterLock>> WriterLock::Acquire(const std::strin
       if (error == EINTR) continue;
       if (error != EWOULDBLOCK)
         return MakeFault(Fault::kIo, absl::StrCat("locking ", path, ": ", std::strerror(error)));
-      return MakeFault(Fault::kBusy, "it is being written by another process; try again when that has finished");
+      return MakeFault(Fault::kBusy,
+                       absl::StrCat("it is being written by ", HolderOf(path), "; try again when that has finished"));
     }
     if (IsStillNamed(descriptor, path)) {
+      NoteHolder(descriptor);
       return std::unique_ptr<WriterLock>(new WriterLock(std::move(path), descriptor));
     }
     close(descriptor);
@@ -64,8 +85,16 @@ absl::StatusOr<std::unique_ptr<WriterLock>> WriterLock::Acquire(const std::strin
   return MakeFault(Fault::kBusy, "other processes keep taking the right to write it; try again later");
 }
 
+bool WriterLock::IsHeld(const std::string& map_path) {
+  const int descriptor = open((map_path + "-lock").c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return false;
+  const bool held = flock(descriptor, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  close(descriptor);
+  return held;
+}
+
 WriterLock::~WriterLock() {
-  unlink(path_.c_str());
+  if (IsStillNamed(descriptor_, path_)) unlink(path_.c_str());
   close(descriptor_);
 }
 

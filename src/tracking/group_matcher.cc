@@ -21,7 +21,7 @@ struct ObservationTable {
   std::vector<const map::MapPoint*> points;
 };
 
-ObservationTable Collect(const map::Snapshot& map, const PlaceDatabase& places, std::span<const KeyframeId> group) {
+ObservationTable Collect(const map::Snapshot& map, const PlaceIndex& places, std::span<const KeyframeId> group) {
   struct Row {
     place::NodeId node;
     const map::Keyframe* keyframe;
@@ -113,7 +113,7 @@ absl::Status GroupMatchOptions::Validate() const {
   return absl::OkStatus();
 }
 
-std::vector<GroupMatch> MatchGroup(const map::Snapshot& map, const PlaceDatabase& places,
+std::vector<GroupMatch> MatchGroup(const map::Snapshot& map, const PlaceIndex& places,
                                    std::span<const KeyframeId> group, const image::Features& query,
                                    std::span<const place::NodeId> nodes, const GroupMatchOptions& options) {
   const ObservationTable table = Collect(map, places, group);

@@ -10,7 +10,7 @@
 #include "base/status.h"
 #include "image/feature.h"
 #include "map/snapshot.h"
-#include "tracking/place_database.h"
+#include "tracking/place_index.h"
 
 namespace cairn::tracking {
 
@@ -33,8 +33,8 @@ struct GroupMatch {
 };
 
 // At most one match per feature and per point, the most trustworthy first. `nodes` are the query's, as of
-// PlaceDatabase::Transform.
-std::vector<GroupMatch> MatchGroup(const map::Snapshot& map, const PlaceDatabase& places,
+// PlaceIndex::Transform.
+std::vector<GroupMatch> MatchGroup(const map::Snapshot& map, const PlaceIndex& places,
                                    std::span<const KeyframeId> group, const image::Features& query,
                                    std::span<const place::NodeId> nodes, const GroupMatchOptions& options = {});
 

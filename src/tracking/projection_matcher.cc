@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "map/viewing.h"
+
 namespace cairn::tracking {
 namespace {
 
@@ -64,14 +66,13 @@ absl::Status ProjectionOptions::Validate() const {
     return bad("max_viewing_angle_deg must be in (0, 180]");
   }
   if (!(distance_slack >= 1.0)) return bad("distance_slack must be at least 1");
-  if (!(focal_ratio > 0.0)) return bad("focal_ratio must be positive");
   if (octave_slack < 0) return bad("octave_slack must not be negative");
   return absl::OkStatus();
 }
 
-int PredictOctave(const map::MapPoint& point, double distance, const image::OrbParameters& orb, double focal_ratio) {
+int PredictOctave(const map::MapPoint& point, double distance, double focal_px, const image::OrbParameters& orb) {
   if (!(distance > 0.0)) return orb.num_levels - 1;
-  const double octave = std::log(focal_ratio * point.max_distance / distance) / std::log(orb.scale_factor);
+  const double octave = std::log(focal_px * point.pixel_size / distance) / std::log(orb.scale_factor);
   if (!(octave > 0.0)) return 0;
   return static_cast<int>(std::min(std::round(octave), orb.num_levels - 1.0));
 }
@@ -85,9 +86,9 @@ std::optional<PointProjection> PredictPoint(const Pinhole& pinhole, const SE3& c
   projection.pixel = pinhole.Project(point_c);
   if (!pinhole.Contains(projection.pixel)) return std::nullopt;
   projection.distance = point_c.norm();
-  const double seen_like_from = projection.distance / options.focal_ratio;
-  if (seen_like_from < point.min_distance / options.distance_slack ||
-      seen_like_from > point.max_distance * options.distance_slack) {
+  const map::DistanceRange range = map::FindableWithin(point.pixel_size, pinhole.fx_px, orb);
+  if (projection.distance < range.min / options.distance_slack ||
+      projection.distance > range.max * options.distance_slack) {
     return std::nullopt;
   }
   // The viewing direction in the camera's axes; points without a mean direction are taken as seen from the front.
@@ -99,7 +100,7 @@ std::optional<PointProjection> PredictPoint(const Pinhole& pinhole, const SE3& c
       return std::nullopt;
     }
   }
-  projection.octave = PredictOctave(point, projection.distance, orb, options.focal_ratio);
+  projection.octave = PredictOctave(point, projection.distance, pinhole.fx_px, orb);
   projection.radius_px = options.radius_factor * orb.Scale(projection.octave) *
                          (projection.viewing_cosine > kFrontalCosine ? kFrontalRadiusPx : kObliqueRadiusPx);
   return projection;

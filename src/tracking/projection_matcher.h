@@ -42,11 +42,8 @@ struct ProjectionOptions {
   int max_distance = 100;      // Hamming, bits
   double max_ratio = 0.9;      // best against second best of the same octave; 1: no such test
   double max_viewing_angle_deg = 60;  // between the ray and the mean direction the point was seen from
-  double distance_slack = 1.25;       // beyond min_distance and max_distance of the point
-  // Focal length of this camera over that of the cameras that the points were seen with: a longer one sees the same
-  // octave from farther away.
-  double focal_ratio = 1.0;
-  int octave_slack = 1;  // features of octaves that differ by more from the predicted one are left out
+  double distance_slack = 1.25;       // beyond the distances in which the camera finds the point (map/viewing.h)
+  int octave_slack = 1;               // features of octaves that differ by more from the predicted one are left out
 
   absl::Status Validate() const;
 };
@@ -66,10 +63,9 @@ std::optional<PointProjection> PredictPoint(const Pinhole& pinhole, const SE3& c
                                             const map::MapPoint& point, const image::OrbParameters& orb,
                                             const ProjectionOptions& options = {});
 
-// The octave at which a point is expected from a distance: that of its reference observation, moved by the ratio of the
-// distances (and of the focal lengths); within [0, num_levels - 1].
-int PredictOctave(const map::MapPoint& point, double distance, const image::OrbParameters& orb,
-                  double focal_ratio = 1.0);
+// The octave at which a camera of this focal length is to find the point from a distance (map/viewing.h); within [0,
+// num_levels - 1].
+int PredictOctave(const map::MapPoint& point, double distance, double focal_px, const image::OrbParameters& orb);
 
 struct PointMatch {
   std::uint32_t point = 0;    // index into the points given

@@ -116,19 +116,18 @@ TEST_F(ProjectionMatcher, PredictsTheOctave) {
   }
   EXPECT_GT(checked, 100);
   map::MapPoint point;
-  point.max_distance = 10.0f;
-  EXPECT_EQ(PredictOctave(point, 10.0, {}), 0);
-  EXPECT_EQ(PredictOctave(point, 10.0 / 1.2, {}), 1);
-  EXPECT_EQ(PredictOctave(point, 0.01, {}), 7);
-  EXPECT_EQ(PredictOctave(point, 100.0, {}), 0);
-  EXPECT_EQ(PredictOctave(point, 10.0, {}, 1.44), 2) << "twice the focal length sees finer";
+  point.pixel_size = 0.02f;
+  EXPECT_EQ(PredictOctave(point, 10.0, 500.0, {}), 0);
+  EXPECT_EQ(PredictOctave(point, 10.0 / 1.2, 500.0, {}), 1);
+  EXPECT_EQ(PredictOctave(point, 0.01, 500.0, {}), 7);
+  EXPECT_EQ(PredictOctave(point, 100.0, 500.0, {}), 0);
+  EXPECT_EQ(PredictOctave(point, 10.0, 1.44 * 500.0, {}), 2) << "a longer lens sees finer";
 }
 
 TEST_F(ProjectionMatcher, LeavesOutWhatCannotBeSeen) {
   map::MapPoint point;
   point.position = {0.0, 0.0, 4.0};
-  point.max_distance = 8.0f;
-  point.min_distance = 2.0f;
+  point.pixel_size = static_cast<float>(8.0 / kPinhole.fx_px);
   point.mean_view_direction = {0.0f, 0.0f, 1.0f};
   const image::OrbParameters orb;
   const SE3 front;
@@ -138,9 +137,9 @@ TEST_F(ProjectionMatcher, LeavesOutWhatCannotBeSeen) {
   EXPECT_FALSE(PredictPoint(kPinhole, Look({0, 0, -7}, 0.0), point, orb)) << "too far";
   EXPECT_FALSE(PredictPoint(kPinhole, Look({0, 0, 3}, 0.0), point, orb)) << "too near";
   EXPECT_FALSE(PredictPoint(kPinhole, Look({4, 0, 3}, -1.3), point, orb)) << "from aside";
-  ProjectionOptions tele;
-  tele.focal_ratio = 2.0;
-  EXPECT_TRUE(PredictPoint(kPinhole, Look({0, 0, -7}, 0.0), point, orb, tele)) << "not too far for a long lens";
+  Pinhole tele = kPinhole;
+  tele.fx_px *= 2.0, tele.fy_px *= 2.0;
+  EXPECT_TRUE(PredictPoint(tele, Look({0, 0, -7}, 0.0), point, orb)) << "not too far for a long lens";
 }
 
 TEST_F(ProjectionMatcher, ChecksItsOptions) {

@@ -25,11 +25,11 @@ struct Group {
 // One image to be located; everything that all attempts share.
 struct Query {
   const map::Snapshot& map;
-  const PlaceDatabase& places;
+  const PlaceIndex& places;
   const Pinhole& pinhole;
   const image::Features& features;
   image::FeatureGrid grid;
-  PlaceDatabase::Words words;
+  PlaceIndex::Words words;
 
   double SigmaPx(std::uint32_t feature) const { return map.info().orb.Scale(features.keypoints[feature].octave); }
   PoseObservation Observation(const Vector3d& point, std::uint32_t feature) const {
@@ -91,7 +91,6 @@ struct Estimate {
   Matrix6d covariance = Matrix6d::Zero();  // of camera_from_map
   std::vector<PointObservation> inliers;
   double median_depth = 0.0;
-  double focal_ratio = 1.0;  // of the query's camera to that of the group
 };
 
 std::vector<PointId> PointsOf(const std::vector<PointObservation>& observations) {
@@ -100,9 +99,8 @@ std::vector<PointId> PointsOf(const std::vector<PointObservation>& observations)
   return points;
 }
 
-ProjectionOptions GuidedProjection(const RelocalizerOptions& options, double radius_factor, double focal_ratio) {
+ProjectionOptions GuidedProjection(const RelocalizerOptions& options, double radius_factor) {
   ProjectionOptions projection;
-  projection.focal_ratio = focal_ratio;
   projection.radius_factor = radius_factor;
   projection.max_distance = options.guided_max_distance;
   projection.max_ratio = options.guided_max_ratio;
@@ -133,9 +131,9 @@ GuidedPoints PointsAround(const Query& query, const RelocalizerOptions& options,
 // One round of guided search and refinement. False if the refinement fails.
 bool GuidedRound(const Query& query, const RelocalizerOptions& options, double radius_factor,
                  const GuidedPoints& around, Estimate* estimate, RelocalizationCounts* counts) {
-  const ProjectionMatches found = MatchByProjection(
-      {query.pinhole, query.features, query.grid}, estimate->camera_from_map, around.points, query.map.info().orb,
-      GuidedProjection(options, radius_factor, estimate->focal_ratio), {}, &around.descriptors);
+  const ProjectionMatches found =
+      MatchByProjection({query.pinhole, query.features, query.grid}, estimate->camera_from_map, around.points,
+                        query.map.info().orb, GuidedProjection(options, radius_factor), {}, &around.descriptors);
   counts->guided_matches = static_cast<int>(found.matches.size());
   counts->visible = static_cast<int>(found.visible.size());
 
@@ -234,8 +232,6 @@ absl::StatusOr<Relocalization> TryGroup(const Query& query, const Group& group, 
   }
 
   Estimate estimate;
-  const map::Keyframe& candidate = query.map.keyframe(group.keyframes[0]);
-  estimate.focal_ratio = query.pinhole.fx_px / query.map.pinhole(candidate.camera).fx_px;
   estimate.camera_from_map = solution.camera_from_map;
   for (std::size_t i = 0; i < matches.size(); ++i) {
     if (solution.inlier[i]) estimate.inliers.push_back({matches[i].point, matches[i].feature});
@@ -315,8 +311,9 @@ absl::Status RelocalizerOptions::Validate() const {
   return pnp.Validate();
 }
 
-absl::StatusOr<Relocalization> Relocalizer::Relocalize(const map::Snapshot& map, const PlaceDatabase& places,
-                                                       const Pinhole& pinhole, const image::Features& features) const {
+absl::StatusOr<Relocalization> Relocalizer::Relocalize(const map::Snapshot& map, const PlaceIndex& places,
+                                                       const Pinhole& pinhole, const image::Features& features,
+                                                       const SearchArea& area) const {
   CAIRN_RETURN_IF_ERROR(options_.Validate());
   if (pinhole.width_px <= 0 || pinhole.height_px <= 0 || !(pinhole.fx_px > 0.0) || !(pinhole.fy_px > 0.0)) {
     return absl::InvalidArgumentError("relocalizer: the camera has no positive size and focal length");
@@ -341,6 +338,11 @@ absl::StatusOr<Relocalization> Relocalizer::Relocalize(const map::Snapshot& map,
   place::QueryOptions candidates_wanted;
   candidates_wanted.min_common_share = 0.0;
   candidates_wanted.max_results = static_cast<std::size_t>(options_.max_candidate_keyframes);
+  if (area.only || area.except) {
+    candidates_wanted.exclude = [&](std::uint32_t id) {
+      return !area.Contains(map.keyframe(KeyframeId(id)).component);
+    };
+  }
   const auto candidates = places.Query(query.words.bow, candidates_wanted);
   best.counts.candidates = static_cast<int>(candidates.size());
   const std::vector<Group> groups = FormGroups(map, candidates, options_);

@@ -17,7 +17,7 @@
 #include "map/snapshot.h"
 #include "tracking/group_matcher.h"
 #include "tracking/local_map.h"
-#include "tracking/place_database.h"
+#include "tracking/place_index.h"
 #include "tracking/pnp_ransac.h"
 #include "tracking/projection_matcher.h"
 
@@ -92,6 +92,16 @@ struct Relocalization {
   std::vector<PointObservation> inliers;  // ascending by point
 };
 
+// Which components of the map count.
+struct SearchArea {
+  ComponentId only;    // none: all ...
+  ComponentId except;  // ... but this
+
+  bool Contains(ComponentId component) const {
+    return (!only || component == only) && (!except || component != except);
+  }
+};
+
 class Relocalizer {
  public:
   explicit Relocalizer(const RelocalizerOptions& options = {}) : options_(options) {}
@@ -100,8 +110,8 @@ class Relocalizer {
 
   // A miss is an answer. The same input gives the same answer; may be called by several threads at once.
   // InvalidArgument: bad options or camera. FailedPrecondition: `places` is of another revision than `map`.
-  absl::StatusOr<Relocalization> Relocalize(const map::Snapshot& map, const PlaceDatabase& places,
-                                            const Pinhole& pinhole, const image::Features& features) const;
+  absl::StatusOr<Relocalization> Relocalize(const map::Snapshot& map, const PlaceIndex& places, const Pinhole& pinhole,
+                                            const image::Features& features, const SearchArea& area = {}) const;
 
  private:
   RelocalizerOptions options_;

@@ -3,12 +3,12 @@
 #include <cstdio>
 
 #include "cli/cli.h"
-#include "engine/map_writer.h"
+#include "cli/component_report.h"
+#include "engine/live_map.h"
 #include "eval/association.h"
 #include "geometry/alignment.h"
 #include "io/trajectory.h"
 #include "map/edit.h"
-#include "map/linked_parts.h"
 
 namespace cairn::cli {
 namespace {
@@ -23,17 +23,16 @@ struct AlignOptions {
 
 absl::Status Align(const AlignOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const io::Trajectory truth, io::ReadTrajectory(options.groundtruth));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::MapWriter> writer, engine::MapWriter::Open(options.map));
-  const std::shared_ptr<const map::Snapshot> map = writer->Current();
-  if (map->info().world_from_map && !options.overwrite) {
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::LiveMap> live, engine::LiveMap::Open(options.map));
+  const std::shared_ptr<const map::Snapshot> map = live->Published()->snapshot();
+  const ComponentId component = TogetherInOneFrame(*map).at(0);
+  if (map->WorldFrom(component) && !options.overwrite) {
     return absl::AlreadyExistsError(
         absl::StrCat(options.map, " is aligned already: give --overwrite to align it anew"));
   }
-  // What nothing links to the largest part has a scale and a place of its own.
-  const map::LinkedParts parts(*map);
   std::vector<io::StampedPose> keyframes;
   map->keyframes().ForEach([&](const auto& keyframe) {
-    if (parts.PartOf(keyframe->id) != 0) return;
+    if (keyframe->component != component) return;
     keyframes.push_back({keyframe->time_ns, keyframe->camera_from_map.Inverse()});
   });
   keyframes = eval::SortedFinite(keyframes);
@@ -57,18 +56,18 @@ absl::Status Align(const AlignOptions& options) {
         "the keyframes do not fit ", options.groundtruth, ": the scale would be ", alignment->a_from_b.scale(), " +- ",
         alignment->scale_sigma, "; the map is as it was. Is it the trajectory of the mapped sequence?"));
   }
-  map::MapInfo info = map->info();
-  info.world_from_map = alignment->a_from_b;
   map::Edit edit(map);
-  edit.SetInfo(info);
-  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> aligned,
-                         writer->Commit(edit.Finish("align to the world")));
+  map::Component aligned = map->component(component);
+  aligned.world_from_component = alignment->a_from_b;
+  edit.PutComponent(aligned);
+  CAIRN_RETURN_IF_ERROR(live->BeginEdit().Commit(edit.Finish("align to the world"), {}));
+  CAIRN_RETURN_IF_ERROR(live->Close());
 
   const double rotation_sigma_deg = alignment->rotation_sigma_rad * 57.29577951308232;
   if (options.json) {
     PrintJson({{"map", options.map},
-               {"revision", aligned->revision()},
-               {"parts", parts.parts().size()},
+               {"revision", live->Published()->revision()},
+               {"component", component.value()},
                {"keyframes_used", in_map.size()},
                {"inliers", alignment->inlier_count},
                {"rmse_m", alignment->rmse},
@@ -79,10 +78,6 @@ absl::Status Align(const AlignOptions& options) {
     std::printf("%s is aligned: scale %.4f +- %.4f, %.4f m RMSE over %d of %zu keyframes with a reference pose\n",
                 options.map.c_str(), alignment->a_from_b.scale(), alignment->scale_sigma, alignment->rmse,
                 alignment->inlier_count, in_map.size());
-    if (parts.parts().size() > 1) {
-      std::printf("  this holds for part 1 of %zu, %zu keyframes: nothing links the others to it (cairn info)\n",
-                  parts.parts().size(), keyframes.size());
-    }
   }
   return absl::OkStatus();
 }

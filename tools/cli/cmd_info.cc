@@ -1,14 +1,14 @@
 // cairn info: what is in a map.
 #include <cstdio>
-#include <ctime>
 #include <filesystem>
 #include <iostream>
 
 #include "cli/cli.h"
+#include "cli/component_report.h"
 #include "cli/pictures.h"
 #include "cli/session_report.h"
-#include "map/linked_parts.h"
-#include "store/map_file.h"
+#include "cli/unix_time.h"
+#include "store/map_store.h"
 
 namespace cairn::cli {
 namespace {
@@ -20,17 +20,6 @@ struct InfoOptions {
   bool overwrite = false;
   bool json = false;
 };
-
-// "2026-01-31 12:00:00 UTC", or "" for 0.
-std::string FormatUnixTime(std::int64_t unix_ns) {
-  if (unix_ns == 0) return "";
-  const std::time_t seconds = static_cast<std::time_t>(unix_ns / 1'000'000'000);
-  std::tm utc{};
-  gmtime_r(&seconds, &utc);
-  char text[40];
-  std::strftime(text, sizeof(text), "%Y-%m-%d %H:%M:%S UTC", &utc);
-  return text;
-}
 
 // Of all keyframes: features, features with a point, and neighbours in the covisibility graph.
 struct Means {
@@ -58,6 +47,12 @@ double MeanObservations(const map::Snapshot& map) {
   return map.points().empty() ? 0.0 : sum / static_cast<double>(map.points().size());
 }
 
+nlohmann::ordered_json IdsAsJson(const std::vector<ComponentId>& ids) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  for (const ComponentId id : ids) json.push_back(id.value());
+  return json;
+}
+
 nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) {
   const Means means = ComputeMeans(map);
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array(), sessions = nlohmann::ordered_json::array();
@@ -75,37 +70,26 @@ nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) 
                         {"keyframes", keyframes},
                         {"duration_s", ToSeconds(session.last_ns - session.first_ns)},
                         {"complete", session.complete},
+                        {"removed", session.removed},
+                        {"policy", map::SessionPolicyName(session.policy)},
+                        {"result", map::SessionResultName(session.result)},
+                        {"components", IdsAsJson(session.components)},
                         {"loops", LoopsAsJson(session)},
                         {"trajectory", TrajectoryAsJson(session)},
                         {"software_version", session.software_version},
                         {"started", FormatUnixTime(session.started_unix_ns)},
                         {"settings", nlohmann::ordered_json::parse(session.settings_json, nullptr, false)}});
   }
-  nlohmann::ordered_json world = nullptr;
-  if (map.info().world_from_map) {
-    const Sim3& s = *map.info().world_from_map;
-    world = {{"frame", "world"},
-             {"unit", "m"},
-             {"scale", s.scale()},
-             {"translation", {s.translation().x(), s.translation().y(), s.translation().z()}},
-             {"quaternion_xyzw", {s.rotation().x(), s.rotation().y(), s.rotation().z(), s.rotation().w()}}};
-  }
-  nlohmann::ordered_json parts = nlohmann::ordered_json::array();
-  const map::LinkedParts linked(map);
-  for (const auto& keyframes : linked.parts()) {
-    parts.push_back({{"keyframes", keyframes.size()}, {"first_keyframe", keyframes.front().value()}});
-  }
   return {{"id", map.info().id},
           {"name", map.info().name},
           {"revision", map.revision()},
           {"keyframes", map.keyframes().size()},
           {"points", map.points().size()},
-          {"parts", parts},
+          {"components", ComponentsAsJson(map)},
           {"features_per_keyframe", means.features},
           {"points_per_keyframe", means.matched},
           {"covisible_keyframes", means.neighbours},
           {"observations_per_point", MeanObservations(map)},
-          {"world_from_map", world},
           {"vocabulary_hash", absl::StrCat(absl::Hex(map.info().vocabulary_hash, absl::kZeroPad16))},
           {"bytes", bytes},
           {"created", FormatUnixTime(map.info().created_unix_ns)},
@@ -123,20 +107,12 @@ void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const s
               number("covisible_keyframes"));
   std::printf("  %lld points, seen %.1f times each\n", info["points"].get<long long>(),
               number("observations_per_point"));
-  if (info["parts"].size() > 1) {
-    std::printf("  %zu parts that nothing links, each with a place and scale of its own:", info["parts"].size());
-    for (const auto& part : info["parts"]) std::printf(" %lld", part["keyframes"].get<long long>());
-    std::printf(" keyframes\n");
-  }
-  if (info["world_from_map"].is_null()) {
-    std::printf("  not aligned: its scale and origin are arbitrary (cairn align)\n");
-  } else {
-    std::printf("  aligned to a world frame: scale %.4f\n", info["world_from_map"]["scale"].get<double>());
-  }
+  PrintComponents(map, "  ");
   std::printf("  %.1f MB, vocabulary %s, id %s\n", number("bytes") / 1e6,
               info["vocabulary_hash"].get<std::string>().c_str(), info["id"].get<std::string>().c_str());
   for (const auto& camera : info["cameras"]) {
-    std::printf("  camera %lld: %s\n", camera["id"].get<long long>(), camera["model"].get<std::string>().c_str());
+    std::printf("  camera %lld, %s: %s\n", camera["id"].get<long long>(), camera["name"].get<std::string>().c_str(),
+                camera["model"].get<std::string>().c_str());
     if (camera["lens"].is_null()) continue;
     const auto lens = [&](const char* key) { return camera["lens"][key].get<double>(); };
     std::printf(
@@ -145,9 +121,13 @@ void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const s
   }
   for (const auto& session : info["sessions"]) {
     std::printf(
-        "  session %lld: %s, %.1f s, %lld keyframes, by cairn %s%s%s\n", session["id"].get<long long>(),
-        session["source"].get<std::string>().c_str(), session["duration_s"].get<double>(),
-        session["keyframes"].get<long long>(), session["software_version"].get<std::string>().c_str(),
+        "  session %lld: %s, camera %lld, %.1f s, %lld keyframes%s, by cairn %s%s%s\n", session["id"].get<long long>(),
+        session["source"].get<std::string>().c_str(), session["camera"].get<long long>(),
+        session["duration_s"].get<double>(), session["keyframes"].get<long long>(),
+        session["result"] == "located" ? ", found in an earlier component"
+        : session["result"] == "apart" ? ", never found in an earlier component"
+                                       : "",
+        session["software_version"].get<std::string>().c_str(),
         session["started"].get<std::string>().empty() ? "" : (" on " + session["started"].get<std::string>()).c_str(),
         session["complete"].get<bool>() ? "" : " (running, or cut off)");
     PrintLoopsAndTrajectory(map.sessions().at(SessionId(session["id"].get<SessionId::Value>())), "    ");
@@ -158,7 +138,8 @@ absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.map}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
+                         store::OpenMapStore(options.map, store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   if (map->info().vocabulary_hash != 0) {
     const absl::Status vocabulary = file->LoadVocabulary().status();

@@ -9,6 +9,7 @@
 #include "base/files.h"
 #include "base/guarded.h"
 #include "cli/cli.h"
+#include "cli/component_report.h"
 #include "cli/input_options.h"
 #include "cli/interrupt.h"
 #include "cli/pictures.h"
@@ -16,7 +17,7 @@
 #include "client/local_localizer.h"
 #include "io/camera_file.h"
 #include "io/trajectory.h"
-#include "store/map_file.h"
+#include "store/map_store.h"
 
 namespace cairn::cli {
 namespace {
@@ -39,8 +40,7 @@ double PositionSigma(const api::LocalizeAnswer& answer) {
   return answer.world_per_map * std::sqrt((by_increment * answer.covariance * by_increment.transpose()).trace());
 }
 
-// What nothing links to the part that is aligned has a place of its own, in the map's frame.
-bool InWorld(const api::LocalizeAnswer& answer) { return answer.world_is_metric && answer.part == 0; }
+bool InWorld(const api::LocalizeAnswer& answer) { return answer.world_is_metric; }
 
 nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::string& path, TimeNs time_ns) {
   nlohmann::ordered_json json = {{"image", path}, {"time_s", ToSeconds(time_ns)}, {"localized", answer.localized}};
@@ -53,8 +53,8 @@ nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::stri
     json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
     json["position_sigma"] = PositionSigma(answer) / (InWorld(answer) ? 1.0 : answer.world_per_map);
     json["reference_keyframe"] = answer.reference_keyframe.value();
-    json["part"] = answer.part + 1;
-    json["parts"] = answer.parts;
+    json["component"] = answer.component.value();
+    json["components"] = answer.components;
   } else {
     json["failed_stage"] = api::LocalizeStageName(answer.stage);
     json["reason"] = answer.reason;
@@ -76,7 +76,7 @@ void PrintAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
     const Vector3d& t = (InWorld(answer) ? answer.world_from_camera : answer.map_from_camera).translation();
     std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", name.c_str(), t.x(), t.y(), t.z(),
                 InWorld(answer) ? "m" : "(map units)", answer.counts.inliers, answer.extract_ms + answer.locate_ms);
-    if (answer.parts > 1) std::printf(", in part %d of %d of the map", answer.part + 1, answer.parts);
+    if (answer.components > 1) std::printf(", in component %u", answer.component.value());
     std::printf("\n");
   } else {
     std::printf("%s: not located at stage \"%s\": %s\n", name.c_str(), api::LocalizeStageName(answer.stage),
@@ -88,14 +88,15 @@ void PrintAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
 struct Summary {
   std::int64_t frames = 0;
   std::int64_t localized = 0;
-  std::int64_t elsewhere = 0;                  // of these, in a part of the map that nothing links to the largest
+  std::int64_t elsewhere = 0;                  // of these, in a component whose frame is not that of the files
   std::map<std::string, std::int64_t> misses;  // by stage
   SampleReservoir latency_ms;
   std::vector<io::StampedPose> poses;
   nlohmann::ordered_json images = nlohmann::ordered_json::array();  // each answer, if asked for
   std::string map_id;
   Revision revision = 0;
-  bool metric = false;
+  std::vector<ComponentId> together;  // components of the poses, which share a frame ...
+  bool metric = false;                // ... that is the world
   api::LensUse lens = api::LensUse::kNone;
 
   void Add(const api::LocalizeAnswer& answer, TimeNs time_ns) {
@@ -103,12 +104,14 @@ struct Summary {
     latency_ms.Add(static_cast<float>(answer.extract_ms + answer.locate_ms));
     map_id = answer.map_id;
     revision = answer.revision;
-    metric = answer.world_is_metric;
     lens = answer.lens;
     if (answer.localized) {
       ++localized;
-      elsewhere += answer.part != 0 ? 1 : 0;
-      if (answer.part == 0) poses.push_back({time_ns, answer.world_from_camera});
+      if (std::ranges::find(together, answer.component) == together.end()) {
+        ++elsewhere;
+      } else {
+        poses.push_back({time_ns, answer.world_from_camera});
+      }
     } else {
       ++misses[api::LocalizeStageName(answer.stage)];
     }
@@ -116,7 +119,8 @@ struct Summary {
 };
 
 absl::Status Draw(const LocalizeOptions& options, const Summary& summary) {
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapFile> file, store::MapFile::OpenReadOnly(options.map));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
+                         store::OpenMapStore(options.map, store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   std::vector<SE3> queries;
   for (const io::StampedPose& pose : summary.poses) queries.push_back(pose.world_from_camera);
@@ -153,7 +157,7 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
     json.update({{"frames", summary.frames},
                  {"localized", summary.localized},
                  {"localized_share", share},
-                 {"localized_in_other_parts", summary.elsewhere},
+                 {"localized_in_other_components", summary.elsewhere},
                  {"frames_skipped", skipped},
                  {"interrupted", interrupted},
                  {"lens", api::LensUseName(summary.lens)},
@@ -167,8 +171,8 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
               static_cast<long long>(summary.localized), static_cast<long long>(summary.frames), 100.0 * share,
               summary.latency_ms.Percentile(0.5), summary.latency_ms.Percentile(0.99));
   if (summary.elsewhere > 0) {
-    std::printf("  %lld of them in parts of the map that nothing links to the largest (cairn info): not in the files\n",
-                static_cast<long long>(summary.elsewhere));
+    std::printf("  %lld of them in other components than those of the files, %s (cairn info)\n",
+                static_cast<long long>(summary.elsewhere), NameComponents(summary.together).c_str());
   }
   for (const auto& [stage, count] : summary.misses) {
     std::printf("  %lld missed at stage \"%s\"\n", static_cast<long long>(count), stage.c_str());
@@ -190,6 +194,8 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
       query.image, io::ReadGrayImage(options.input.sequence, cv::Size(query.camera.width_px, query.camera.height_px)));
   CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, localizer.Localize(query));
   Summary summary;
+  summary.together = {answer.component};
+  summary.metric = answer.world_is_metric;
   summary.Add(answer, 0);
   CAIRN_RETURN_IF_ERROR(WriteOutputs(options, summary));
   if (options.json) {
@@ -222,11 +228,13 @@ absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source
   return absl::OkStatus();
 }
 
-absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, api::Localizer& localizer,
+absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, client::LocalLocalizer& localizer,
                                      InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
   SkippedFrames skipped("localize", options.json);
   Summary summary;
+  summary.together = TogetherInOneFrame(localizer.snapshot());
+  summary.metric = !summary.together.empty() && localizer.snapshot().WorldFrom(summary.together[0]).has_value();
   absl::Status status;
   {
     std::atomic<bool> stop = false;
@@ -285,7 +293,8 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   AddInputOptions(verb, &options->input);
   verb->add_option("--map", options->map, "Map file (.cairn); it is only read")->required();
   verb->add_option("--out", options->out,
-                   "Write the poses found to this file (TUM format); of a map of several parts those in the largest");
+                   "Write the poses found to this file (TUM format); of a map of several components those in the aligned "
+                   "ones, or in the largest");
   verb->add_option("--picture", options->picture, "Draw the map and the cameras found to this .png or .svg file");
   verb->add_flag("--independent", options->independent,
                  "Locate each image on its own, without help from the ones before it (needed for a sequence)");

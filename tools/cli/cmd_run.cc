@@ -42,7 +42,16 @@ void AddRunCommand(CLI::App& app, Action* action) {
   CLI::Option* map = verb->add_option("--map", options->map, "The map file to write (.cairn)");
   CLI::Option* odometry_only = verb->add_flag("--odometry-only", options->odometry_only,
                                               "No map: the direct odometry alone, for its poses or its speed");
+  CLI::Option* extend = verb->add_flag(
+      "--extend", options->extend,
+      "Add this session to a map that exists: it maps into a component of its own until it is found, beyond doubt, in "
+      "what the map has");
   CLI::Option* name = verb->add_option("--name", options->name, "Name of the map; the sequence's if not given");
+  CLI::Option* camera_name = verb->add_option(
+      "--camera-name", options->camera_name,
+      "Name of the camera in the map; after its calibration if not given. A camera that the map knows is recognized by "
+      "its calibration");
+  extend->excludes(name);
   verb->add_option("--trajectory", options->trajectory,
                    "Write the final pose of every frame to this file (TUM format)");
   CLI::Option* live_poses = verb->add_option(
@@ -89,13 +98,15 @@ void AddRunCommand(CLI::App& app, Action* action) {
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   poses->excludes(live_poses);
-  for (CLI::Option* of_maps : {map, name, poses, vocabulary, picture, vo, fixed_lens, live_poses}) {
+  extend->excludes(vocabulary);
+  for (CLI::Option* of_maps : {map, extend, name, camera_name, poses, vocabulary, picture, vo, fixed_lens, live_poses}) {
     odometry_only->excludes(of_maps);
   }
   verb->footer(
       "Examples:\n"
       "  cairn run rgbd_dataset --camera camera.yaml --map office.cairn\n"
       "  cairn run MH_01_easy --map hall.cairn --until 60 --trajectory frames.txt\n"
+      "  cairn run MH_02_easy --map hall.cairn --extend --trajectory frames_2.txt\n"
       "  cairn run stills --poses poses.txt --map stills.cairn\n"
       "  cairn run rgbd_dataset --camera camera.yaml --odometry-only --trajectory frames.txt");
   verb->callback([=] {

@@ -102,6 +102,7 @@ int ParseAndRun(Call* call) {
   AddLocalizeCommand(app, &action);
   AddInfoCommand(app, &action);
   AddAlignCommand(app, &action);
+  AddLogCommand(app, &action);
   AddEvalCommand(app, &action);
   AddBenchCommand(app, &action);
   AddVocabCommand(app, &action);

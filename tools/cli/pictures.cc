@@ -3,27 +3,29 @@
 #include <algorithm>
 #include <map>
 
-#include "map/linked_parts.h"
+#include "cli/component_report.h"
 #include "plot/figures.h"
 
 namespace cairn::cli {
 
 absl::Status DrawMap(const map::Snapshot& map, const std::string& path, const std::vector<SE3>& queries) {
-  const Sim3 world_from_map = map.info().world_from_map.value_or(Sim3());
+  // Where components lie to each other is known only of those that are aligned.
+  const std::vector<ComponentId> shown = TogetherInOneFrame(map);
+  const auto is_shown = [&](ComponentId id) { return std::ranges::find(shown, id) != shown.end(); };
+  const auto world_from = [&](ComponentId id) { return map.WorldFrom(id).value_or(Sim3()); };
   plot::MapFigure figure;
   figure.title = map.info().name;
-  figure.metric = map.info().world_from_map.has_value();
+  figure.metric = !shown.empty() && map.WorldFrom(shown[0]).has_value();
   figure.queries = queries;
-  // Where the other parts lie to the largest is not known.
-  const map::LinkedParts parts(map);
-  if (parts.parts().size() > 1) absl::StrAppend(&figure.title, " (part 1 of ", parts.parts().size(), ")");
+  if (map.LiveComponents().size() > shown.size()) absl::StrAppend(&figure.title, " (", NameComponents(shown), ")");
   map.points().ForEach([&](const auto& point) {
-    if (parts.PartOf(point->reference.keyframe) == 0) figure.points_m.push_back(world_from_map * point->position);
+    const ComponentId component = map.keyframe(point->reference.keyframe).component;
+    if (is_shown(component)) figure.points_m.push_back(world_from(component) * point->position);
   });
 
   std::vector<const map::Keyframe*> keyframes;
   map.keyframes().ForEach([&](const auto& keyframe) {
-    if (parts.PartOf(keyframe->id) == 0) keyframes.push_back(keyframe.get());
+    if (is_shown(keyframe->component)) keyframes.push_back(keyframe.get());
   });
   std::sort(keyframes.begin(), keyframes.end(), [](const auto* a, const auto* b) {
     return a->session != b->session ? a->session < b->session : a->time_ns < b->time_ns;
@@ -37,7 +39,8 @@ absl::Status DrawMap(const map::Snapshot& map, const std::string& path, const st
   for (const map::Keyframe* keyframe : keyframes) {
     place.emplace(keyframe->id, figure.keyframes.size());
     figure.keyframes.push_back(
-        {world_from_map.TransformPose(keyframe->camera_from_map.Inverse()), group.at(keyframe->session)});
+        {world_from(keyframe->component).TransformPose(keyframe->camera_from_map.Inverse()),
+         group.at(keyframe->session)});
   }
   for (const map::Keyframe* keyframe : keyframes) {
     for (const map::CovisibilityEdge& edge : keyframe->covisible) {

@@ -1,4 +1,6 @@
 // cairn run --map: maps a sequence into a map file.
+#include <unistd.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
@@ -6,37 +8,42 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
+#include <optional>
 
+#include "absl/strings/str_format.h"
+#include "base/files.h"
 #include "base/guarded.h"
 #include "base/version.h"
+#include "cli/component_report.h"
 #include "cli/pictures.h"
 #include "cli/run_options.h"
 #include "cli/sample_statistics.h"
 #include "cli/session_report.h"
 #include "io/trajectory.h"
-#include "map/linked_parts.h"
 #include "place/default_vocabulary.h"
 
 namespace cairn::cli {
 namespace {
 
-std::vector<io::StampedPose> InWorld(const std::vector<std::pair<TimeNs, SE3>>& poses, const map::Snapshot& map) {
-  const Sim3 world_from_map = map.info().world_from_map.value_or(Sim3());
+std::vector<io::StampedPose> InWorld(const std::vector<std::pair<TimeNs, SE3>>& poses,
+                                     const std::optional<Sim3>& world_from_map) {
   std::vector<io::StampedPose> result;
   for (const auto& [time_ns, map_from_camera] : poses) {
-    result.push_back({time_ns, world_from_map.TransformPose(map_from_camera)});
+    result.push_back({time_ns, world_from_map.value_or(Sim3()).TransformPose(map_from_camera)});
   }
   return result;
 }
 
 absl::Status WritePoses(const std::string& path, const std::vector<std::pair<TimeNs, SE3>>& poses,
-                        const map::Snapshot& map, bool overwrite) {
+                        const map::Snapshot& map, ComponentId component, bool overwrite) {
   if (path.empty()) return absl::OkStatus();
+  const std::optional<Sim3> world = component ? map.WorldFrom(component) : std::nullopt;
   io::TrajectoryWriteOptions write;
   write.overwrite = overwrite;
-  write.comment = absl::StrCat("t tx ty tz qx qy qz qw: ", map.info().world_from_map ? "world" : "map",
-                               "_from_camera, map ", map.info().id, " revision ", map.revision());
-  return io::WriteTumTrajectory(path, InWorld(poses, map), write);
+  write.comment = absl::StrCat("t tx ty tz qx qy qz qw: ", world ? "world" : "map", "_from_camera, map ",
+                               map.info().id, " component ", component.value(), " revision ", map.revision());
+  return io::WriteTumTrajectory(path, InWorld(poses, world), write);
 }
 
 // Processor time of the stages of the feature module, per keyframe.
@@ -92,47 +99,98 @@ std::string StateSummary(const std::vector<mapping::KeyframeReport>& reports) {
   return summary;
 }
 
-nlohmann::ordered_json PartsAsJson(const std::vector<engine::MapPart>& parts, TimeNs first_ns) {
-  nlohmann::ordered_json json = nlohmann::ordered_json::array();
-  for (const engine::MapPart& part : parts) {
-    json.push_back({{"keyframes", part.keyframes}, {"frames", part.frames}});
-    if (part.frames == 0) continue;
-    json.back().update({{"from_s", ToSeconds(part.first_ns - first_ns)}, {"to_s", ToSeconds(part.last_ns - first_ns)}});
+// The components of the map, with what this session has in each.
+nlohmann::ordered_json SharesAsJson(const map::Snapshot& map, const engine::SessionReport& report, TimeNs first_ns) {
+  nlohmann::ordered_json json = ComponentsAsJson(map);
+  for (nlohmann::ordered_json& component : json) {
+    const auto share = std::ranges::find(report.components, ComponentId(component["id"].get<ComponentId::Value>()),
+                                         &engine::ComponentShare::id);
+    component["frames"] = share == report.components.end() ? 0 : share->frames;
+    if (share == report.components.end() || share->frames == 0) continue;
+    component["from_s"] = ToSeconds(share->first_ns - first_ns);
+    component["to_s"] = ToSeconds(share->last_ns - first_ns);
   }
   return json;
 }
 
-void PrintParts(const std::vector<engine::MapPart>& parts, TimeNs first_ns) {
-  if (parts.size() < 2) return;
-  std::printf(
-      "  the map has %zu parts that nothing links: tracking was lost, and began anew where nothing known was seen.\n"
-      "  Each is right in itself, but how they lie to each other is not known; files hold part 1 alone\n",
-      parts.size());
-  for (std::size_t i = 0; i < parts.size(); ++i) {
-    const engine::MapPart& part = parts[i];
-    std::printf("    part %zu: %lld keyframes, %lld frames", i + 1, static_cast<long long>(part.keyframes),
-                static_cast<long long>(part.frames));
-    if (part.frames > 0) {
-      std::printf(" from %.1f to %.1f s", ToSeconds(part.first_ns - first_ns), ToSeconds(part.last_ns - first_ns));
+nlohmann::ordered_json JoinsAsJson(const engine::SessionReport& report, TimeNs first_ns) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  for (std::size_t i = 0; i < report.joins.size(); ++i) {
+    const mapping::JoinReport& join = report.joins[i];
+    json.push_back({{"at_s", ToSeconds(report.join_times_ns[i] - first_ns)},
+                    {"component", join.component.value()},
+                    {"into", join.into.value()},
+                    {"matches", join.evidence.guided_matches},
+                    {"scale", join.scale},
+                    {"keyframes_agreeing", join.evidence.neighbours_agreeing + join.sightings_agreeing},
+                    {"keyframes_checked", join.evidence.neighbours_checked + join.sightings_checked}});
+  }
+  return json;
+}
+
+// "found in component 1 after 0.4 s (joined at 2.1 s)", "component 2, joined component 1 at 12.3 s", or what it means
+// that neither happened.
+std::string WhereItIs(const engine::SessionReport& report, const map::Session& session) {
+  const auto seconds = [&](TimeNs time_ns) { return absl::StrFormat("%.1f s", ToSeconds(time_ns - session.first_ns)); };
+  if (report.located) {
+    // Found before there was a component of its own to speak of, or with it.
+    const mapping::JoinReport& join = report.joins.front();
+    const std::string joined = seconds(report.join_times_ns.front());
+    if (report.located->time_ns < report.join_times_ns.front()) {
+      return absl::StrCat("found in component ", report.located->component.value(), " after ",
+                          seconds(report.located->time_ns), ", proven and joined at ", joined);
     }
-    std::printf("\n");
+    return absl::StrCat("component ", join.component.value(), ", joined component ", join.into.value(), " at ", joined);
+  }
+  if (session.policy == map::SessionPolicy::kCreate) return "";
+  std::string text = absl::StrCat("component ", report.component.value(),
+                                  ", a place of its own: nothing that this session saw was found in the rest of the map");
+  int attempts = 0;
+  for (const auto& [why, count] : report.joins_rejected) attempts += count;
+  if (attempts > 0) {
+    const auto most = std::ranges::max_element(report.joins_rejected, {}, [](const auto& entry) { return entry.second; });
+    absl::StrAppend(&text, " beyond doubt (", attempts, " keyframes looked alike; mostly: ", most->first, ")");
+  }
+  return text;
+}
+
+void PrintShares(const engine::SessionReport& report, const map::Session& session) {
+  const auto with_frames = std::ranges::count_if(report.components, [](const auto& share) { return share.frames > 0; });
+  if (with_frames < 2) return;
+  std::printf(
+      "  this session is in %lld components: tracking was lost, and began anew where nothing known was seen.\n"
+      "  Each is right in itself, but how they lie to each other is not known; files hold component %u alone\n",
+      static_cast<long long>(with_frames), report.component.value());
+  for (const engine::ComponentShare& share : report.components) {
+    if (share.frames == 0) continue;
+    std::printf("    component %u: %lld keyframes, %lld frames from %.1f to %.1f s\n", share.id.value(),
+                static_cast<long long>(share.keyframes), static_cast<long long>(share.frames),
+                ToSeconds(share.first_ns - session.first_ns), ToSeconds(share.last_ns - session.first_ns));
   }
 }
 
 void PrintReport(const RunOptions& options, const engine::SessionReport& report, const map::Snapshot& map,
                  const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt,
                  std::optional<std::int64_t> live_poses) {
-  const map::Session& session = map.sessions().rbegin()->second;
+  const map::Session& session = map.sessions().at(report.session);
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}};
-    AddFrameAndUnit(map.info().world_from_map.has_value(), &json);
+    AddFrameAndUnit(map.WorldFrom(report.component).has_value(), &json);
     AddFeedJson(feed, info, report.frames_tracked, interrupt, &json);
     json.update({{"direct_keyframes", report.direct_keyframes},
                  {"keyframes", report.keyframes},
                  {"points", report.points},
                  {"segments", report.odometry.segments},
                  {"recoveries", report.odometry.recoveries},
-                 {"parts", PartsAsJson(report.parts, session.first_ns)},
+                 {"session", report.session.value()},
+                 {"result", map::SessionResultName(report.result)},
+                 {"component", report.component.value()},
+                 {"located_after_s", report.located ? nlohmann::ordered_json(ToSeconds(report.located->time_ns -
+                                                                                       session.first_ns))
+                                                    : nullptr},
+                 {"joined", JoinsAsJson(report, session.first_ns)},
+                 {"joins_rejected", report.joins_rejected},
+                 {"components", SharesAsJson(map, report, session.first_ns)},
                  {"feature_losses", report.feature_losses},
                  {"loops", LoopsAsJson(session)},
                  {"loops_rejected", report.loops_rejected},
@@ -153,11 +211,12 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   }
   std::printf("%s: %lld keyframes, %lld points\n", options.map.c_str(), static_cast<long long>(report.keyframes),
               static_cast<long long>(report.points));
+  if (const std::string where = WhereItIs(report, session); !where.empty()) std::printf("  %s\n", where.c_str());
   PrintFeed(feed, info, report.frames_tracked, interrupt);
   std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
               report.frame_ms.Percentile(0.5), report.frame_ms.mean(), report.keyframe_ms.Percentile(0.5));
   PrintLoopsAndTrajectory(session, "  ");
-  PrintParts(report.parts, session.first_ns);
+  PrintShares(report, session);
   if (report.lens) std::printf("  lens %s\n", report.lens->reason.c_str());
   std::printf("  keyframes of the odometry in the feature module: %s\n", StateSummary(report.keyframe_reports).c_str());
   if (report.odometry.recoveries > 0) {
@@ -179,6 +238,56 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
 
 }  // namespace
 
+namespace {
+
+// The map must be there to be extended, and must not be to be made.
+absl::Status CheckMap(const RunOptions& options) {
+  std::error_code error;
+  const bool exists = std::filesystem::exists(options.map, error);
+  if (options.extend) {
+    return exists ? absl::OkStatus()
+                  : absl::NotFoundError(absl::StrCat("there is no map ", options.map,
+                                                     " to extend: leave --extend out to make it"));
+  }
+  if (exists && !options.overwrite && WhyNoFile(options.map).empty()) {
+    return absl::AlreadyExistsError(absl::StrCat(options.map,
+                                                 " exists already: give --extend to add this session to it, "
+                                                 "--overwrite to replace it, or choose another name"));
+  }
+  return CheckWritable(options.map, options.overwrite, /*is_map=*/true);
+}
+
+absl::StatusOr<std::unique_ptr<engine::LiveMap>> OpenToExtend(const RunOptions& options) {
+  store::WriteOptions write;
+  write.record_wall_clock = !options.session.deterministic;
+  return engine::LiveMap::Open(options.map, write);
+}
+
+absl::StatusOr<std::unique_ptr<engine::LiveMap>> CreateMap(const RunOptions& options, const io::SourceInfo& info,
+                                                           const std::string& settings) {
+  const bool deterministic = options.session.deterministic;
+  CAIRN_ASSIGN_OR_RETURN(place::Vocabulary vocabulary, options.vocabulary.empty()
+                                                           ? place::LoadDefaultVocabulary()
+                                                           : place::Vocabulary::Load(options.vocabulary));
+  map::MapInfo map_info;
+  // The same run makes the same map, another one a map of its own.
+  map_info.id =
+      engine::NewMapId(deterministic ? std::optional(absl::StrCat(info.name, info.first_time_ns, info.camera.Describe(),
+                                                                  settings, absl::Hex(vocabulary.hash())))
+                                     : std::nullopt);
+  map_info.name = options.name.empty() ? info.name : options.name;
+  map_info.software_version = cairn::kVersion;
+  map_info.created_unix_ns = deterministic ? 0 : engine::UnixNowNs();
+  map_info.vocabulary_hash = vocabulary.hash();
+  store::CreateOptions create;
+  create.overwrite = options.overwrite;
+  create.write.record_wall_clock = !deterministic;
+  return engine::LiveMap::Create(options.map, map_info,
+                                 std::make_shared<const place::Vocabulary>(std::move(vocabulary)), std::move(create));
+}
+
+}  // namespace
+
 absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
   for (const std::string* output : {&options.trajectory, &options.keyframes, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
@@ -188,18 +297,14 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
   if (!std::filesystem::is_fifo(options.live_poses, error)) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(options.live_poses, options.overwrite));
   }
-  CAIRN_RETURN_IF_ERROR(CheckWritable(options.map, options.overwrite, /*is_map=*/true));
+  CAIRN_RETURN_IF_ERROR(CheckMap(options));
   std::vector<std::string> inputs = InputFiles(options.input);
   inputs.insert(inputs.end(), {options.poses, options.vocabulary});
   CAIRN_RETURN_IF_ERROR(
       CheckDistinct({options.map, options.trajectory, options.live_poses, options.keyframes, options.picture}, inputs));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
-  CAIRN_ASSIGN_OR_RETURN(place::Vocabulary vocabulary, options.vocabulary.empty()
-                                                           ? place::LoadDefaultVocabulary()
-                                                           : place::Vocabulary::Load(options.vocabulary));
   const io::SourceInfo& info = source->info();
-  map::MapInfo map_info;
   const bool deterministic = options.session.deterministic;
   const nlohmann::ordered_json settings = {
       {"format", std::string(io::SequenceFormatName(info.format))},
@@ -213,40 +318,32 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
       {"close_loops", options.session.close_loops},
       {"refine_lens", options.session.mapping.lens.enabled},
       {"poses_given", !options.poses.empty()}};
-  // The same run makes the same map, another one a map of its own.
-  map_info.id =
-      engine::NewMapId(deterministic ? std::optional(absl::StrCat(info.name, info.first_time_ns, info.camera.Describe(),
-                                                                  settings.dump(), absl::Hex(vocabulary.hash())))
-                                     : std::nullopt);
-  map_info.name = options.name.empty() ? info.name : options.name;
-  map_info.software_version = cairn::kVersion;
-  map_info.created_unix_ns = deterministic ? 0 : engine::UnixNowNs();
-  map_info.vocabulary_hash = vocabulary.hash();
-  if (!options.poses.empty()) map_info.world_from_map = Sim3();
-  CAIRN_ASSIGN_OR_RETURN(
-      std::unique_ptr<engine::MapWriter> writer,
-      engine::MapWriter::Create(options.map, map_info, {options.overwrite, vocabulary.Serialize(), !deterministic}));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::LiveMap> map, options.extend
+                                                                   ? OpenToExtend(options)
+                                                                   : CreateMap(options, info, settings.dump()));
+  for (const std::string& note : map->notes()) std::cerr << "cairn run: " << note << "\n";
   engine::SessionSource session_source = ToSessionSource(info);
   session_source.settings_json = settings.dump();
-  return MapRun{std::move(source), std::move(vocabulary), std::move(writer), std::move(session_source)};
+  session_source.camera_name = options.camera_name;
+  return MapRun{std::move(source), std::move(map), std::move(session_source)};
 }
 
-std::vector<std::pair<TimeNs, SE3>> MapKeyframePoses(const map::Snapshot& map) {
+std::vector<std::pair<TimeNs, SE3>> MapKeyframePoses(const map::Snapshot& map, ComponentId component) {
   std::vector<std::pair<TimeNs, SE3>> poses;
-  const map::LinkedParts parts(map);
   map.keyframes().ForEach([&](const auto& keyframe) {
-    if (parts.PartOf(keyframe->id) != 0) return;
+    if (keyframe->component != component) return;
     poses.emplace_back(keyframe->time_ns, keyframe->camera_from_map.Inverse());
   });
   std::sort(poses.begin(), poses.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   return poses;
 }
 
-absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map,
+absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map, ComponentId component,
                              const std::vector<std::pair<TimeNs, SE3>>& frame_poses) {
   return Guarded([&] {
-    absl::Status status = WritePoses(options.trajectory, frame_poses, map, options.overwrite);
-    status.Update(WritePoses(options.keyframes, MapKeyframePoses(map), map, options.overwrite));
+    absl::Status status = WritePoses(options.trajectory, frame_poses, map, component, options.overwrite);
+    status.Update(
+        WritePoses(options.keyframes, MapKeyframePoses(map, component), map, component, options.overwrite));
     if (!options.picture.empty()) status.Update(DrawMap(map, options.picture));
     return status;
   });
@@ -254,25 +351,56 @@ absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map
 
 namespace {
 
-// Of the largest part of the map.
-std::vector<std::pair<TimeNs, SE3>> PosesToReport(const std::vector<engine::FramePose>& frames) {
+std::vector<std::pair<TimeNs, SE3>> PosesToReport(const std::vector<engine::FramePose>& frames, ComponentId component) {
   std::vector<std::pair<TimeNs, SE3>> poses;
   for (const engine::FramePose& frame : frames) {
-    if (frame.part == 0) poses.emplace_back(frame.time_ns, *frame.map_from_camera);
+    if (frame.map_from_camera && frame.component == component) poses.emplace_back(frame.time_ns, *frame.map_from_camera);
   }
   return poses;
 }
 
 // A run that cannot go on: the poses so far are known, though the map may not be writable any more.
-absl::Status KeepWhatIsKnown(const RunOptions& options, const engine::Session& session, const engine::MapWriter& writer,
+absl::Status KeepWhatIsKnown(const RunOptions& options, const engine::Session& session, const engine::LiveMap& map,
                              const absl::Status& error) {
   return Guarded([&] {
-    const std::vector<std::pair<TimeNs, SE3>> poses = PosesToReport(session.FramePoses());
-    if (poses.empty()) return error;
+    const ComponentId component = session.Where().component;
+    const std::vector<std::pair<TimeNs, SE3>> poses = PosesToReport(session.FramePoses(), component);
+    const map::Snapshot& published = map.Published()->map();
+    if (poses.empty() || !published.components().contains(component)) return error;
     return AfterError(error, {options.trajectory, options.keyframes, options.picture},
-                      WriteMapOutputs(options, *writer.Current(), poses));
+                      WriteMapOutputs(options, published, component, poses));
   });
 }
+
+// Says where the session is as soon as that is known, and what it is sure of.
+class WhereWatch {
+ public:
+  WhereWatch(const engine::Session& session, TimeNs first_ns, bool quiet)
+      : session_(session), first_ns_(first_ns), quiet_(quiet) {}
+
+  void Look(TimeNs time_ns) {
+    if (quiet_) return;
+    const engine::Session::Whereabouts where = session_.Where();
+    if (where.located && !seen_) {
+      seen_ = true;
+      Say(absl::StrFormat("found in component %u after %.1f s", where.located->component.value(),
+                          ToSeconds(where.located->time_ns - first_ns_)));
+    }
+    if (where.joined && !joined_) {
+      joined_ = true;
+      Say(absl::StrFormat("joined to component %u at %.1f s", where.component.value(), ToSeconds(time_ns - first_ns_)));
+    }
+  }
+
+ private:
+  // On a terminal over the bar, which is drawn again.
+  static void Say(const std::string& text) { std::cerr << (isatty(2) != 0 ? "\r\033[K" : "") << text << "\n"; }
+
+  const engine::Session& session_;
+  const TimeNs first_ns_;
+  const bool quiet_;
+  bool seen_ = false, joined_ = false;
+};
 
 // The pose of each frame as soon as it is tracked. What cannot be written ends these poses, not the run.
 class LiveFile {
@@ -311,14 +439,15 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(MapRun run, PrepareMapRun(options));
   engine::SessionOptions session_options = options.session;
   if (options.threads > 0) session_options.threads = options.threads;
-  CAIRN_ASSIGN_OR_RETURN(
-      const std::unique_ptr<engine::Session> session,
-      engine::Session::Create(session_options, run.session_source, &run.vocabulary, run.writer.get()));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::Session> session,
+                         engine::Session::Create(session_options, run.session_source, run.map.get()));
   engine::SessionReport report;
   LiveFile live(options.live_poses);
   CAIRN_RETURN_IF_ERROR(live.status());
+  WhereWatch where(*session, run.session_source.first_ns, options.json || !options.extend);
   const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
+    where.Look(frame.time_ns);
     if (live.count()) {
       if (const std::optional<SE3> pose = session->PoseInMap(result)) live.Write(result.time_ns, *pose);
     }
@@ -335,13 +464,15 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
                                                        session->preparation(), interrupt, add, finish);
   // An error of the input leaves a session that can be finished.
   const bool finished = feed.ok() || (!finishing && Guarded(finish).ok());
-  if (!finished) return KeepWhatIsKnown(options, *session, *run.writer, feed.status());
-  const absl::Status closed = run.writer->Close();
-  const absl::Status written = WriteMapOutputs(options, *run.writer->Current(), PosesToReport(report.frame_poses));
+  if (!finished) return KeepWhatIsKnown(options, *session, *run.map, feed.status());
+  const absl::Status closed = run.map->Close();
+  const std::shared_ptr<const map::Snapshot> map = run.map->Published()->snapshot();
+  const absl::Status written =
+      WriteMapOutputs(options, *map, report.component, PosesToReport(report.frame_poses, report.component));
   const absl::Status error = feed.ok() ? closed : feed.status();
   if (!error.ok()) return AfterError(error, {options.trajectory, options.keyframes, options.picture}, written);
   CAIRN_RETURN_IF_ERROR(written);
-  PrintReport(options, report, *run.writer->Current(), run.source->info(), *feed, *interrupt, live.count());
+  PrintReport(options, report, *map, run.source->info(), *feed, *interrupt, live.count());
   return live.status();
 }
 

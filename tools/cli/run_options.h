@@ -11,7 +11,7 @@
 #include "cli/input_options.h"
 #include "cli/interrupt.h"
 #include "cli/run_feed.h"
-#include "engine/map_writer.h"
+#include "engine/live_map.h"
 #include "engine/session.h"
 #include "io/frame_source.h"
 #include "mapping/posed_mapper.h"
@@ -22,7 +22,9 @@ namespace cairn::cli {
 struct RunOptions {
   InputOptions input;
   std::string map;
+  bool extend = false;
   std::string name;
+  std::string camera_name;
   std::string trajectory;
   std::string live_poses;
   std::string keyframes;
@@ -51,16 +53,15 @@ absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenRunInput(const RunOptions& 
 // Everything that a run into a map needs besides the session.
 struct MapRun {
   std::unique_ptr<io::FrameSource> source;
-  place::Vocabulary vocabulary;
-  std::unique_ptr<engine::MapWriter> writer;
+  std::unique_ptr<engine::LiveMap> map;
   engine::SessionSource session_source;
 };
 absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options);
 
-// The files that a run into a map leaves beside it.
-absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map,
+// The files that a run into a map leaves beside it: poses in `component`, or in the world if that is aligned.
+absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map, ComponentId component,
                              const std::vector<std::pair<TimeNs, SE3>>& frame_poses);
-// Of all keyframes, map_from_camera in temporal order.
-std::vector<std::pair<TimeNs, SE3>> MapKeyframePoses(const map::Snapshot& map);
+// Of all keyframes of a component, map_from_camera in temporal order.
+std::vector<std::pair<TimeNs, SE3>> MapKeyframePoses(const map::Snapshot& map, ComponentId component);
 
 }  // namespace cairn::cli

@@ -29,7 +29,7 @@ absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
   const io::SourceInfo info = run.source->info();
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::PosedSession> session,
                          engine::PosedSession::Create(options.posed, options.session.deterministic, run.session_source,
-                                                      &run.vocabulary, run.writer.get()));
+                                                      run.map.get()));
   SkippedFrames skipped("run", options.json);
   Progress progress("mapping", info.num_frames, options.json);
   std::int64_t used = 0;
@@ -58,9 +58,10 @@ absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
   }
   progress.Finish();
   CAIRN_ASSIGN_OR_RETURN(const mapping::PosedMapperReport report, session->Finish());
-  const absl::Status closed = run.writer->Close();
-  const std::shared_ptr<const map::Snapshot> map = run.writer->Current();
-  const absl::Status written = WriteMapOutputs(options, *map, MapKeyframePoses(*map));
+  const absl::Status closed = run.map->Close();
+  const std::shared_ptr<const map::Snapshot> map = run.map->Published()->snapshot();
+  const absl::Status written =
+      WriteMapOutputs(options, *map, session->component(), MapKeyframePoses(*map, session->component()));
   if (!closed.ok()) return AfterError(closed, {options.trajectory, options.keyframes, options.picture}, written);
   CAIRN_RETURN_IF_ERROR(written);
   if (options.json) {

@@ -13,8 +13,9 @@
 #include <iterator>
 #include <set>
 
-#include "store/map_file.h"
 #include "store/sqlite.h"
+#include "store/sqlite_map_store.h"
+#include "store/test_files.h"
 #include "store/test_maps.h"
 
 namespace cairn::store {
@@ -22,36 +23,18 @@ namespace {
 
 using testing::Bits;
 using ::testing::ElementsAre;
+using testing::ExitCode;
 using ::testing::HasSubstr;
+using testing::InChild;
 using ::testing::IsEmpty;
+using testing::MakeMap;
 using testing::MapGrower;
+using testing::ReadBytes;
 using testing::TempFolder;
 using testing::TestInfo;
+using testing::WriteBytes;
+using testing::WriteForever;
 using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
-
-std::string ReadBytes(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
-void WriteBytes(const std::string& path, const std::string& bytes) {
-  std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes;
-}
-
-// Starts a map at `path`, or goes on with it.
-SnapshotPtr MakeMap(const std::string& path, std::uint64_t seed, int keyframes, testing::GrowOptions options = {}) {
-  const std::string vocabulary(9000, 'w');
-  auto file = *MapFile::Create(path, TestInfo(),
-                               {.overwrite = true, .vocabulary = vocabulary, .write = {.sync_every_commit = false}});
-  MapGrower grower(seed, options);
-  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
-  for (int i = 0; i <= keyframes; ++i) {
-    const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
-    map = *map->Apply(delta);
-    EXPECT_TRUE(file->Commit(delta).ok());
-  }
-  return map;
-}
 
 // What reading the file comes to; never more than an error, and never other content than `good`.
 struct Reading {
@@ -62,7 +45,7 @@ struct Reading {
 
 Reading ReadAll(const std::string& path, const Bits& good) {
   Reading reading;
-  auto file = MapFile::OpenReadOnly(path);
+  auto file = SqliteMapStore::OpenReadOnly(path);
   if (!file.ok()) {
     reading.status = file.status();
     return reading;
@@ -92,8 +75,8 @@ Reading ReadAll(const std::string& path, const Bits& good) {
 TEST(MapFaults, NotAMap) {
   const TempFolder folder;
   const auto fault = [&](const std::string& name) {
-    const absl::Status reading = MapFile::OpenReadOnly(folder.File(name)).status();
-    const absl::Status writing = MapFile::Open(folder.File(name)).status();
+    const absl::Status reading = SqliteMapStore::OpenReadOnly(folder.File(name)).status();
+    const absl::Status writing = SqliteMapStore::Open(folder.File(name)).status();
     EXPECT_EQ(FaultOf(reading), FaultOf(writing)) << reading << writing;
     EXPECT_THAT(std::string(reading.message()), HasSubstr(folder.File(name)));
     return FaultOf(reading);
@@ -124,7 +107,8 @@ TEST(MapFaults, NewerVersion) {
   const std::string path = folder.File("a.cairn");
   MakeMap(path, 1, 2);
   ASSERT_TRUE((*Database::OpenFile(path, Database::Mode::kReadWrite))->Execute("PRAGMA user_version = 7").ok());
-  for (const absl::Status& status : {MapFile::OpenReadOnly(path).status(), MapFile::Open(path).status()}) {
+  for (const absl::Status& status :
+       {SqliteMapStore::OpenReadOnly(path).status(), SqliteMapStore::Open(path).status()}) {
     EXPECT_TRUE(IsNewerVersion(status)) << status;
     EXPECT_EQ(status.code(), absl::StatusCode::kUnimplemented);
     EXPECT_THAT(std::string(status.message()), HasSubstr("format 7"));
@@ -142,7 +126,7 @@ TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
       const absl::Status status = database->Execute("PRAGMA foreign_keys = OFF; " + sql);
       ASSERT_TRUE(status.ok()) << status;
     }
-    auto file = MapFile::OpenReadOnly(path);
+    auto file = SqliteMapStore::OpenReadOnly(path);
     if (file.ok()) {
       bool found = false;
       const auto findings = (*file)->Verify();
@@ -151,7 +135,7 @@ TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
       EXPECT_TRUE(found) << sql;
     }
     // The log and the views matter to people only.
-    if (table == "changes" || table == "overview" || table == "vocabulary") return;
+    if (table == "changes" || table == "touched" || table == "overview" || table == "vocabulary") return;
     const absl::Status status = file.ok() ? (*file)->LoadSnapshot().status() : file.status();
     EXPECT_TRUE(IsDamaged(status)) << sql << status;
     EXPECT_THAT(std::string(status.message()), HasSubstr(table)) << sql;
@@ -161,6 +145,8 @@ TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
   expect_finding("UPDATE sessions SET complete = 1", "sessions", 1);
   expect_finding("INSERT INTO loops VALUES (1, 1, 2, 0, 1, 0, 50, 1.0, 0.0, 0.0, 0.0, 5)", "loops", 1);
   expect_finding("INSERT INTO reported_trajectories VALUES (1, 1, 5, 2, 'x', 5)", "reported_trajectories", 1);
+  expect_finding("UPDATE components SET revision = 1", "components", 1);
+  expect_finding("UPDATE touched SET ids = x'0101' WHERE revision = 3", "touched", 3);
   expect_finding("UPDATE keyframes SET time_ns = 1 WHERE id = 3", "keyframes", 3);
   expect_finding("UPDATE keyframe_features SET keypoints = zeroblob(540) WHERE keyframe = 2", "keyframe_features", 2);
   expect_finding("UPDATE keyframe_features SET words = zeroblob(180) WHERE keyframe = 2", "keyframe_features", 2);
@@ -221,40 +207,8 @@ TEST(MapFaults, TruncatedFilesAreDamaged) {
       const Reading reading = ReadAll(broken, good);
       EXPECT_FALSE(reading.loaded);
       EXPECT_TRUE(IsDamaged(reading.status)) << cut << reading.status;
-      EXPECT_TRUE(IsDamaged(MapFile::Open(broken).status()));
+      EXPECT_TRUE(IsDamaged(SqliteMapStore::Open(broken).status()));
     }
-  }
-}
-
-// Runs `work` in a child process and gives its process id; what `work` returns is the exit code.
-template <class Work>
-pid_t InChild(Work work) {
-  const pid_t child = fork();
-  if (child == 0) _exit(work());
-  return child;
-}
-
-int ExitCode(pid_t child) {
-  int status = 0;
-  waitpid(child, &status, 0);
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
-
-// Goes on writing until killed; tells `acknowledge` every revision that is safe.
-int WriteForever(const std::string& path, std::uint64_t seed, int acknowledge) {
-  auto file = MapFile::Open(path);
-  if (!file.ok()) return 2;
-  auto map = (*file)->LoadSnapshot();
-  if (!map.ok()) return 3;
-  MapGrower grower(seed, {.features = 300, .new_points = 60});
-  for (int step = 0;; ++step) {
-    const map::Delta delta = step % 4 == 3 && (*map)->keyframes().size() > 12 ? grower.Cull(*map)
-                             : step % 2 == 1                                  ? grower.Adjust(*map, 5)
-                                                                              : grower.AddKeyframe(*map);
-    map = (*map)->Apply(delta);
-    if (!map.ok() || !(*file)->Commit(delta).ok()) return 4;
-    const Revision revision = (*map)->revision();
-    if (write(acknowledge, &revision, sizeof(revision)) != sizeof(revision)) return 5;
   }
 }
 
@@ -278,7 +232,7 @@ TEST(MapFaults, KilledWritersLoseNothing) {
     close(pipe_ends[0]);
     ASSERT_EQ(ExitCode(child), -1);
 
-    auto file = MapFile::OpenReadOnly(path);
+    auto file = SqliteMapStore::OpenReadOnly(path);
     ASSERT_TRUE(file.ok()) << file.status();
     const auto map = (*file)->LoadSnapshot();
     ASSERT_TRUE(map.ok()) << map.status();
@@ -300,7 +254,7 @@ TEST(MapFaults, FullDiskKeepsTheLastRevision) {
   const auto size = static_cast<rlim_t>(info.st_size);
   const pid_t child = InChild([&] {
     signal(SIGXFSZ, SIG_IGN);
-    auto file = MapFile::Open(path);
+    auto file = SqliteMapStore::Open(path);
     if (!file.ok()) return 2;
     auto map = *(*file)->LoadSnapshot();
     MapGrower grower(9, {.features = 300, .new_points = 60});
@@ -319,7 +273,7 @@ TEST(MapFaults, FullDiskKeepsTheLastRevision) {
       if (FaultOf(status) != Fault::kFull) return 3;
       if (status.code() != absl::StatusCode::kResourceExhausted) return 4;
       // Reading goes on, and so does writing once there is room.
-      auto reader = MapFile::OpenReadOnly(path);
+      auto reader = SqliteMapStore::OpenReadOnly(path);
       if (!reader.ok() || !testing::SameBits(**(*reader)->LoadSnapshot(), *map)) return 5;
       limit.rlim_cur = no_limit;
       setrlimit(RLIMIT_FSIZE, &limit);
@@ -328,7 +282,7 @@ TEST(MapFaults, FullDiskKeepsTheLastRevision) {
       map = *map->Apply(delta);
     }
     if (!(*file)->Close().ok()) return 7;
-    auto reader = MapFile::OpenReadOnly(path);
+    auto reader = SqliteMapStore::OpenReadOnly(path);
     return reader.ok() && testing::SameBits(**(*reader)->LoadSnapshot(), *map) && (*reader)->Verify()->empty() ? 0 : 8;
   });
   EXPECT_EQ(ExitCode(child), 0);
@@ -345,12 +299,12 @@ TEST(MapFaults, FullDiskAtCreationLeavesTheOldMap) {
     limit.rlim_cur = 50000;
     setrlimit(RLIMIT_FSIZE, &limit);
     const std::string vocabulary(200000, 'v');
-    const auto file = MapFile::Create(path, TestInfo(), {.overwrite = true, .vocabulary = vocabulary});
+    const auto file = SqliteMapStore::Create(path, TestInfo(), {.overwrite = true, .vocabulary = vocabulary});
     return FaultOf(file.status()) == Fault::kFull ? 0 : 1;
   });
   EXPECT_EQ(ExitCode(child), 0);
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
-  EXPECT_TRUE(testing::SameBits(**(*MapFile::OpenReadOnly(path))->LoadSnapshot(), *map));
+  EXPECT_TRUE(testing::SameBits(**(*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot(), *map));
 }
 
 TEST(MapFaults, ReadOnlyMedium) {
@@ -361,12 +315,12 @@ TEST(MapFaults, ReadOnlyMedium) {
   chmod(folder.path().c_str(), 0555);
   const pid_t child = InChild([&] {
     if (geteuid() == 0 && setuid(65534) != 0) return 1;
-    auto reader = MapFile::OpenReadOnly(path);
+    auto reader = SqliteMapStore::OpenReadOnly(path);
     if (!reader.ok()) return 2;
     if (!testing::SameBits(**(*reader)->LoadSnapshot(), *map)) return 3;
     if (!(*reader)->Verify()->empty()) return 4;
-    if (FaultOf(MapFile::Open(path).status()) != Fault::kReadOnly) return 5;
-    return FaultOf(MapFile::Create(path + "2", TestInfo()).status()) == Fault::kReadOnly ? 0 : 6;
+    if (FaultOf(SqliteMapStore::Open(path).status()) != Fault::kReadOnly) return 5;
+    return FaultOf(SqliteMapStore::Create(path + "2", TestInfo()).status()) == Fault::kReadOnly ? 0 : 6;
   });
   EXPECT_EQ(ExitCode(child), 0);
   chmod(folder.path().c_str(), 0755);
@@ -383,11 +337,11 @@ TEST(MapFaults, ReadersSeeWholeRevisionsWhileAWriterWorks) {
   close(pipe_ends[1]);
   Revision acknowledged = 0;
   ASSERT_EQ(read(pipe_ends[0], &acknowledged, sizeof(acknowledged)), static_cast<ssize_t>(sizeof(acknowledged)));
-  EXPECT_EQ(FaultOf(MapFile::Open(path).status()), Fault::kBusy);
-  auto reader = *MapFile::OpenReadOnly(path);
+  EXPECT_EQ(FaultOf(SqliteMapStore::Open(path).status()), Fault::kBusy);
+  auto reader = *SqliteMapStore::OpenReadOnly(path);
   Revision last = acknowledged;
   for (int i = 0; i < 25; ++i) {
-    if (i % 5 == 4) reader = *MapFile::OpenReadOnly(path);
+    if (i % 5 == 4) reader = *SqliteMapStore::OpenReadOnly(path);
     const auto map = reader->LoadSnapshot();
     ASSERT_TRUE(map.ok()) << map.status();
     EXPECT_TRUE((*map)->CheckConsistency().ok());
@@ -399,7 +353,7 @@ TEST(MapFaults, ReadersSeeWholeRevisionsWhileAWriterWorks) {
   ExitCode(child);
   close(pipe_ends[0]);
   reader.reset();
-  ASSERT_TRUE((*MapFile::Open(path))->Close().ok());
+  ASSERT_TRUE((*SqliteMapStore::Open(path))->Close().ok());
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
 }
 
@@ -407,8 +361,8 @@ TEST(MapFaults, ReplacingAMapDoesNotDisturbItsReaders) {
   const TempFolder folder;
   const std::string path = folder.File("a.cairn");
   const SnapshotPtr old_map = MakeMap(path, 14, 3);
-  auto reader = *MapFile::OpenReadOnly(path);
-  auto file = *MapFile::Create(path, TestInfo(), {.overwrite = true});
+  auto reader = *SqliteMapStore::OpenReadOnly(path);
+  auto file = *SqliteMapStore::Create(path, TestInfo(), {.overwrite = true});
   MapGrower grower(15);
   SnapshotPtr map = map::Snapshot::Empty(TestInfo());
   const auto change = [&](const map::Delta& delta) {
@@ -420,9 +374,9 @@ TEST(MapFaults, ReplacingAMapDoesNotDisturbItsReaders) {
   change(grower.AddKeyframe(map));
   reader.reset();  // must not tidy up what belongs to the new map
   change(grower.AddKeyframe(map));
-  EXPECT_TRUE(testing::SameBits(**(*MapFile::OpenReadOnly(path))->LoadSnapshot(), *map));
+  EXPECT_TRUE(testing::SameBits(**(*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot(), *map));
   ASSERT_TRUE(file->Close().ok());
-  EXPECT_TRUE(testing::SameBits(**(*MapFile::OpenReadOnly(path))->LoadSnapshot(), *map));
+  EXPECT_TRUE(testing::SameBits(**(*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot(), *map));
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
 }
 

@@ -1,0 +1,356 @@
+#include "store/delta_reader.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "map/viewing.h"
+#include "store/blobs.h"
+#include "store/fault.h"
+
+namespace cairn::store {
+namespace {
+
+absl::Status Damaged(const TableSpec& table, std::int64_t id, absl::string_view what) {
+  return DamagedBy({std::string(table.name), id, std::string(what)});
+}
+
+// The row whose key is `id`; false if there is none. Damage is an error.
+template <class Value>
+absl::StatusOr<bool> ReadRow(const TableSpec& table, std::int64_t id, Statement* select, Value* value) {
+  select->Bind(1, id);
+  CAIRN_ASSIGN_OR_RETURN(const bool found, select->Step());
+  if (!found) return false;
+  Row row;
+  absl::Status status = row.ReadWithChecksum(*select) ? FromRow(*select, value) : absl::DataLossError("wrong checksum");
+  select->Reset();
+  if (!status.ok()) return Damaged(table, id, status.message());
+  return true;
+}
+
+}  // namespace
+
+absl::StatusOr<std::optional<map::Delta>> DeltaReader::Read() {
+  CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, database_->QueryInt("PRAGMA user_version"));
+  if (format < 4) return std::nullopt;
+  CAIRN_ASSIGN_OR_RETURN(Statement select_map, database_->Prepare(kMapTable.SelectSql("WHERE id = ?")));
+  CAIRN_ASSIGN_OR_RETURN(const bool found, ReadRow(kMapTable, 1, &select_map, &map_row_));
+  if (!found) return Damaged(kMapTable, 0, "there is no row");
+  const Revision base = base_.revision();
+  if (base_.info().id != map_row_.info.id || base > map_row_.revision || base < map_row_.oldest_delta_base) {
+    return std::nullopt;
+  }
+  delta_.base = base;
+  delta_.num_changes = map_row_.revision - base;
+  delta_.next_keyframe = map_row_.next_keyframe;
+  delta_.next_point = map_row_.next_point;
+  delta_.next_camera = map_row_.next_camera;
+  delta_.next_session = map_row_.next_session;
+  delta_.next_component = map_row_.next_component;
+  if (delta_.num_changes == 0) return delta_;
+  if (map_row_.info_revision > base) delta_.info = map_row_.info;
+  CAIRN_ASSIGN_OR_RETURN(num_words_, ReadNumWords(database_));
+  CAIRN_RETURN_IF_ERROR(ReadReason());
+  CAIRN_RETURN_IF_ERROR(ReadCameras());
+  CAIRN_RETURN_IF_ERROR(ReadSessions());
+  CAIRN_RETURN_IF_ERROR(ReadComponents());
+  CAIRN_RETURN_IF_ERROR(ReadKeyframes());
+  CAIRN_RETURN_IF_ERROR(ReadPoints());
+  return std::move(delta_);
+}
+
+absl::Status DeltaReader::ReadReason() {
+  if (delta_.num_changes > 1) delta_.reason = absl::StrCat(delta_.num_changes, " changes");
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare("SELECT reason, session FROM changes WHERE revision > ?"));
+  rows.Bind(1, static_cast<std::int64_t>(delta_.base));
+  bool first = true;
+  while (true) {
+    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+    if (!found) return absl::OkStatus();
+    if (delta_.num_changes == 1) delta_.reason = std::string(rows.Text(0));
+    const SessionId session(static_cast<std::uint32_t>(rows.Int(1)));
+    delta_.session = first || session == delta_.session ? session : SessionId();
+    if (!first && !delta_.session) return absl::OkStatus();
+    first = false;
+  }
+}
+
+absl::StatusOr<std::vector<std::uint32_t>> DeltaReader::Touched(const TableSpec& table, std::uint32_t next) {
+  std::vector<std::uint32_t> ids;
+  CAIRN_ASSIGN_OR_RETURN(
+      Statement rows,
+      database_->Prepare("SELECT revision, ids_checksum, ids FROM touched WHERE revision > ? AND kind = ?"));
+  rows.Bind(1, static_cast<std::int64_t>(delta_.base));
+  rows.Bind(2, table.name);
+  while (true) {
+    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+    if (!found) break;
+    const Bytes packed = rows.Blob(2);
+    if (rows.Int(1) != BlobChecksum(packed)) return Damaged(kTouchedTable, rows.Int(0), "ids: wrong checksum");
+    const absl::Status status = UnpackIdRuns(packed, next, &ids);
+    if (!status.ok()) return Damaged(kTouchedTable, rows.Int(0), status.message());
+  }
+  std::sort(ids.begin(), ids.end());
+  ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+  return ids;
+}
+
+template <class Value, class Take, class Removed>
+absl::Status DeltaReader::ForTouched(const TableSpec& table, std::uint32_t next, Take take, Removed removed) {
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<std::uint32_t> ids, Touched(table, next));
+  CAIRN_ASSIGN_OR_RETURN(Statement select, database_->Prepare(table.SelectSql("WHERE id = ?")));
+  for (const std::uint32_t id : ids) {
+    Value value;
+    CAIRN_ASSIGN_OR_RETURN(const bool found, ReadRow(table, id, &select, &value));
+    if (found) {
+      CAIRN_RETURN_IF_ERROR(take(std::move(value)));
+    } else {
+      removed(id);
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status DeltaReader::ReadCameras() {
+  CAIRN_ASSIGN_OR_RETURN(Statement select_lens, database_->Prepare(kLensesTable.SelectSql("WHERE camera = ?")));
+  return ForTouched<map::MapCamera>(
+      kCamerasTable, map_row_.next_camera.value(),
+      [&](map::MapCamera camera) -> absl::Status {
+        LensRow lens;
+        CAIRN_ASSIGN_OR_RETURN(const bool found, ReadRow(kLensesTable, camera.id.value(), &select_lens, &lens));
+        if (found) camera.lens = lens.lens;
+        delta_.cameras.push_back(std::move(camera));
+        return absl::OkStatus();
+      },
+      [&](std::uint32_t id) {
+        if (base_.cameras().contains(CameraId(id))) delta_.removed_cameras.push_back(CameraId(id));
+      });
+}
+
+absl::Status DeltaReader::ReadSessions() {
+  CAIRN_ASSIGN_OR_RETURN(Statement select_loops,
+                         database_->Prepare(kLoopsTable.SelectSql("WHERE session = ? ORDER BY number")));
+  CAIRN_ASSIGN_OR_RETURN(Statement select_trajectory,
+                         database_->Prepare(kTrajectoriesTable.SelectSql("WHERE session = ?")));
+  return ForTouched<map::Session>(
+      kSessionsTable, map_row_.next_session.value(),
+      [&](map::Session session) -> absl::Status {
+        const std::int64_t id = session.id.value();
+        select_loops.Bind(1, id);
+        while (true) {
+          CAIRN_ASSIGN_OR_RETURN(const bool found, select_loops.Step());
+          if (!found) break;
+          Row row;
+          LoopRow loop;
+          if (!row.ReadWithChecksum(select_loops)) return Damaged(kLoopsTable, id, "wrong checksum");
+          const absl::Status status = FromRow(select_loops, &loop);
+          if (!status.ok()) return Damaged(kLoopsTable, id, status.message());
+          session.loops.push_back(loop.loop);
+        }
+        TrajectoryRow trajectory;
+        CAIRN_ASSIGN_OR_RETURN(const bool found, ReadRow(kTrajectoriesTable, id, &select_trajectory, &trajectory));
+        if (found) session.trajectory = std::move(trajectory.trajectory);
+        delta_.sessions.push_back(std::move(session));
+        return absl::OkStatus();
+      },
+      [](std::uint32_t) {});
+}
+
+absl::Status DeltaReader::ReadComponents() {
+  return ForTouched<map::Component>(
+      kComponentsTable, map_row_.next_component.value(),
+      [&](map::Component component) {
+        delta_.components.push_back(std::move(component));
+        return absl::OkStatus();
+      },
+      [&](std::uint32_t id) {
+        if (base_.components().contains(ComponentId(id))) delta_.removed_components.push_back(ComponentId(id));
+      });
+}
+
+absl::Status DeltaReader::ReadKeyframes() {
+  const std::pair<Statement*, std::string> statements[] = {
+      {&select_features_, kFeaturesTable.SelectSql("WHERE keyframe = ?1 AND revision > ?2")},
+      {&select_point_ids_, kKeyframePointsTable.SelectSql("WHERE keyframe = ?1 AND revision > ?2")},
+      {&select_edges_, absl::StrCat(kCovisibilityTable.SelectSql("WHERE keyframe_a = ?1 UNION ALL "),
+                                    kCovisibilityTable.SelectSql("WHERE keyframe_b = ?1"))},
+      {&select_children_, "SELECT id FROM keyframes WHERE parent = ? ORDER BY id"},
+  };
+  for (const auto& [statement, sql] : statements) {
+    CAIRN_ASSIGN_OR_RETURN(*statement, database_->Prepare(sql));
+  }
+  return ForTouched<map::Keyframe>(
+      kKeyframesTable, map_row_.next_keyframe.value(),
+      [&](map::Keyframe row) -> absl::Status {
+        auto keyframe = std::make_shared<map::Keyframe>(std::move(row));
+        const map::Keyframe* before = base_.keyframes().Find(keyframe->id);
+        CAIRN_RETURN_IF_ERROR(ReadFeatures(keyframe.get(), before));
+        CAIRN_RETURN_IF_ERROR(ReadPointIds(keyframe.get(), before));
+        CAIRN_RETURN_IF_ERROR(ReadLinks(keyframe.get()));
+        delta_.keyframes.push_back(keyframe);
+        changed_.emplace(keyframe->id, std::move(keyframe));
+        return absl::OkStatus();
+      },
+      [&](std::uint32_t id) {
+        gone_.insert(KeyframeId(id));
+        if (base_.keyframes().Contains(KeyframeId(id))) delta_.removed_keyframes.push_back(KeyframeId(id));
+      });
+}
+
+absl::Status DeltaReader::ReadFeatures(map::Keyframe* keyframe, const map::Keyframe* before) {
+  const std::int64_t id = keyframe->id.value();
+  select_features_.Bind(1, id);
+  select_features_.Bind(2, before != nullptr ? static_cast<std::int64_t>(delta_.base) : std::int64_t{-1});
+  CAIRN_ASSIGN_OR_RETURN(const bool found, select_features_.Step());
+  if (!found) {
+    if (before == nullptr) return Damaged(kFeaturesTable, id, "no good row for the keyframe");
+    keyframe->features = before->features;
+    return absl::OkStatus();
+  }
+  const auto put = std::find_if(delta_.cameras.begin(), delta_.cameras.end(),
+                                [&](const map::MapCamera& camera) { return camera.id == keyframe->camera; });
+  const auto known = base_.cameras().find(keyframe->camera);
+  if (put == delta_.cameras.end() && known == base_.cameras().end()) {
+    return Damaged(kKeyframesTable, id, "its camera is missing");
+  }
+  auto features = FeaturesFromRow(select_features_, put != delta_.cameras.end() ? put->pinhole : known->second.pinhole,
+                                  map_row_.info.orb.num_levels, num_words_);
+  select_features_.Reset();
+  if (!features.ok()) return Damaged(kFeaturesTable, id, features.status().message());
+  keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
+  if (before != nullptr) delta_.moved_keypoints.push_back(keyframe->id);
+  return absl::OkStatus();
+}
+
+absl::Status DeltaReader::ReadPointIds(map::Keyframe* keyframe, const map::Keyframe* before) {
+  const std::int64_t id = keyframe->id.value();
+  select_point_ids_.Bind(1, id);
+  select_point_ids_.Bind(2, before != nullptr ? static_cast<std::int64_t>(delta_.base) : std::int64_t{-1});
+  CAIRN_ASSIGN_OR_RETURN(const bool found, select_point_ids_.Step());
+  if (!found) {
+    if (before == nullptr) return Damaged(kKeyframePointsTable, id, "no good row for the keyframe");
+    keyframe->points = before->points;
+    return absl::OkStatus();
+  }
+  auto ids = PointIdsFromRow(select_point_ids_, keyframe->features->features.size());
+  select_point_ids_.Reset();
+  if (!ids.ok()) return Damaged(kKeyframePointsTable, id, ids.status().message());
+  keyframe->points = *std::move(ids);
+  return absl::OkStatus();
+}
+
+absl::Status DeltaReader::ReadLinks(map::Keyframe* keyframe) {
+  const std::int64_t id = keyframe->id.value();
+  select_edges_.Bind(1, id);
+  while (true) {
+    CAIRN_ASSIGN_OR_RETURN(const bool found, select_edges_.Step());
+    if (!found) break;
+    Row row;
+    EdgeRow edge;
+    if (!row.ReadWithChecksum(select_edges_)) return Damaged(kCovisibilityTable, id, "wrong checksum");
+    const absl::Status status = FromRow(select_edges_, &edge);
+    if (!status.ok()) return Damaged(kCovisibilityTable, id, status.message());
+    keyframe->covisible.push_back({edge.a == keyframe->id ? edge.b : edge.a, edge.shared_points});
+  }
+  SortCovisible(keyframe);
+  select_children_.Bind(1, id);
+  while (true) {
+    CAIRN_ASSIGN_OR_RETURN(const bool found, select_children_.Step());
+    if (!found) return absl::OkStatus();
+    keyframe->children.push_back(KeyframeId(static_cast<std::uint32_t>(select_children_.Int(0))));
+  }
+}
+
+absl::Status DeltaReader::ReadPoints() {
+  std::vector<PointRow> rows;
+  std::vector<std::uint32_t> ids;
+  CAIRN_RETURN_IF_ERROR(ForTouched<PointRow>(
+      kPointsTable, map_row_.next_point.value(),
+      [&](const PointRow& row) {
+        rows.push_back(row);
+        return absl::OkStatus();
+      },
+      [&](std::uint32_t id) {
+        if (base_.points().Contains(PointId(id))) delta_.removed_points.push_back(PointId(id));
+      }));
+  std::vector<std::shared_ptr<map::MapPoint>> points;
+  points.reserve(rows.size());
+  observations_.reserve(rows.size());
+  for (const PointRow& row : rows) {
+    points.push_back(std::make_shared<map::MapPoint>());
+    map::MapPoint& point = *points.back();
+    point.id = row.id;
+    point.position = row.position;
+    point.times_visible = row.times_visible;
+    point.times_found = row.times_found;
+    point.reference.keyframe = row.reference_keyframe;
+    // Keyframes that are as they were observe what they did.
+    std::vector<map::Observation>& seen = observations_[row.id];
+    const map::MapPoint* before = base_.points().Find(row.id);
+    if (before == nullptr) continue;
+    for (const map::Observation& observation : before->observations) {
+      if (!changed_.contains(observation.keyframe) && !gone_.contains(observation.keyframe)) {
+        seen.push_back(observation);
+      }
+    }
+  }
+  for (const auto& keyframe : delta_.keyframes) {
+    for (std::uint32_t i = 0; i < keyframe->points.size(); ++i) {
+      if (!keyframe->points[i]) continue;
+      const auto touched = observations_.find(keyframe->points[i]);
+      if (touched != observations_.end()) touched->second.push_back({keyframe->id, i});
+    }
+  }
+  for (const auto& point : points) {
+    CAIRN_RETURN_IF_ERROR(Derive(point.get()));
+    delta_.points.push_back(point);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status DeltaReader::Derive(map::MapPoint* point) {
+  point->observations = std::move(observations_[point->id]);
+  std::sort(point->observations.begin(), point->observations.end());
+  seen_from_.clear();
+  const map::Keyframe* reference = nullptr;
+  for (const map::Observation& observation : point->observations) {
+    const map::Keyframe* keyframe = FindKeyframe(observation.keyframe);
+    if (keyframe == nullptr || observation.feature >= keyframe->points.size()) {
+      return Damaged(kPointsTable, point->id.value(), "a keyframe that observes the point is missing");
+    }
+    seen_from_.push_back(CenterOf(observation.keyframe));
+    if (observation.keyframe != point->reference.keyframe) continue;
+    point->reference = observation;
+    reference = keyframe;
+  }
+  if (reference == nullptr) {
+    return Damaged(kPointsTable, point->id.value(), "the reference keyframe does not observe the point");
+  }
+  point->descriptor = reference->descriptors()[point->reference.feature];
+  map::SetViewing(map::ComputeViewing(point->position, seen_from_, CenterOf(reference->id),
+                                      reference->keypoints()[point->reference.feature].octave,
+                                      FocalOf(reference->camera), map_row_.info.orb),
+                  point);
+  return absl::OkStatus();
+}
+
+const map::Keyframe* DeltaReader::FindKeyframe(KeyframeId id) const {
+  const auto changed = changed_.find(id);
+  if (changed != changed_.end()) return changed->second.get();
+  return gone_.contains(id) ? nullptr : base_.keyframes().Find(id);
+}
+
+Vector3d DeltaReader::CenterOf(KeyframeId id) {
+  const auto [at, is_new] = centers_.try_emplace(id);
+  if (is_new) at->second = FindKeyframe(id)->CenterInMap();
+  return at->second;
+}
+
+double DeltaReader::FocalOf(CameraId id) const {
+  for (const map::MapCamera& camera : delta_.cameras) {
+    if (camera.id == id) return camera.pinhole.fx_px;
+  }
+  const auto known = base_.cameras().find(id);
+  return known == base_.cameras().end() ? 1.0 : known->second.pinhole.fx_px;
+}
+
+}  // namespace cairn::store

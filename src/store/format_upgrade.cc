@@ -1,0 +1,57 @@
+#include "store/format_upgrade.h"
+
+#include <unistd.h>
+
+#include <memory>
+
+#include "store/delta_writer.h"
+#include "store/map_open.h"
+#include "store/map_reader.h"
+#include "store/migrations.h"
+#include "store/tables.h"
+
+namespace cairn::store {
+namespace {
+
+absl::StatusOr<std::vector<LoggedChange>> ReadLog(Database* database, std::int64_t format) {
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database->Prepare(kChangesTable.SelectSql("ORDER BY revision", format)));
+  std::vector<LoggedChange> changes;
+  Row row;
+  while (true) {
+    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+    if (!found) return changes;
+    if (!row.ReadWithChecksum(rows)) return DamagedBy({"changes", rows.Int(0), "wrong checksum"});
+    CAIRN_RETURN_IF_ERROR(FromRow(rows, &changes.emplace_back()));
+  }
+}
+
+absl::StatusOr<std::string> MakeBackup(Database* database, const std::string& path, std::int64_t format) {
+  const std::string first = absl::StrCat(path, ".format", format, "-backup");
+  std::string backup = first;
+  for (int number = 2; access(backup.c_str(), F_OK) == 0; ++number) backup = absl::StrCat(first, "-", number);
+  CAIRN_RETURN_IF_ERROR(Annotate(CopyDatabase(database, backup), absl::StrCat("making the backup ", backup)));
+  return backup;
+}
+
+}  // namespace
+
+absl::Status UpgradeFormat(Database* database, const std::string& path, std::vector<std::string>* notes) {
+  CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, database->QueryInt("PRAGMA user_version"));
+  if (format >= SupportedFormatVersion()) return absl::OkStatus();
+  CAIRN_RETURN_IF_ERROR(CheckSchema(database, /*views=*/false, DamagedBy));
+  MapReader reader(database, DamagedBy);
+  CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+  CAIRN_RETURN_IF_ERROR(reader.ReadEntities());
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<LoggedChange> changes, ReadLog(database, format));
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, reader.Assemble());
+  CAIRN_ASSIGN_OR_RETURN(const std::string backup, MakeBackup(database, path, format));
+  CAIRN_RETURN_IF_ERROR(Migrate(database, BuiltInMigrations(), [&]() -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(const auto writer, DeltaWriter::Prepare(database));
+    return writer->PutUpgraded(*map, changes, reader.map_row());
+  }));
+  notes->push_back(absl::StrCat("the map was brought from format ", format, " to ", SupportedFormatVersion(),
+                                "; as it was before, it is in ", backup));
+  return absl::OkStatus();
+}
+
+}  // namespace cairn::store

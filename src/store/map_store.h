@@ -1,0 +1,172 @@
+// Where one map is kept: what is committed stays, whatever happens to the process; there is no save step. The interface
+// is what all others see; today there is one implementation, a file of SQLite's (sqlite_map_store.h). Nothing outside
+// of this folder assumes a file: a map has a URI.
+//
+// One process writes a map at a time, any number read it meanwhile; a reader sees whole revisions only. Every error
+// names the map and carries a Fault (store/fault.h). A store may be used by one thread at a time; several may be open
+// on one map.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/strings/string_view.h"
+#include "base/status.h"
+#include "map/delta.h"
+#include "map/snapshot.h"
+#include "store/fault.h"
+
+namespace cairn::store {
+
+// The format that this software writes, and the newest that it reads (docs/map-format.md).
+int SupportedFormatVersion();
+
+struct WriteOptions {
+  // Wait for the disk after every commit, so that a power failure too loses at most the change in flight. Without it a
+  // power failure may lose the last seconds; the map is good in either case, and a killed process never loses a commit.
+  bool sync_every_commit = true;
+  // Note in the log of changes when each was made. Off in deterministic runs.
+  bool record_wall_clock = true;
+};
+
+struct CreateOptions {
+  bool overwrite = false;  // replace a map that is there, in one step, once the new one is complete
+  std::string vocabulary;  // serialised; stored with the map from the start (or later by PutVocabulary)
+  WriteOptions write = {};
+};
+
+enum class OpenMode {
+  kRead,   // also on a read-only medium; the content of the map is never changed
+  kWrite,  // brings an older format up to date, and makes a backup before
+};
+
+// Sizes, without loading the map.
+struct MapSummary {
+  int format_version = 0;
+  Revision revision = 0;
+  map::MapInfo info;
+  std::int64_t cameras = 0;
+  std::int64_t sessions = 0;
+  std::int64_t components = 0;  // those that were joined to others included
+  std::int64_t keyframes = 0;
+  std::int64_t points = 0;
+  std::int64_t covisibility_edges = 0;
+  std::int64_t file_bytes = 0;        // of the database, without what a writer has in its write-ahead log
+  std::int64_t vocabulary_bytes = 0;  // of these
+};
+
+// One line of the log of changes; the newest kMaxLoggedChanges are kept.
+struct LoggedChange {
+  Revision revision = 0;  // after the change
+  std::string reason;
+  SessionId session;                    // that made it; none: somebody else, or made by a format before 4
+  std::int64_t committed_unix_ns = 0;   // 0: not recorded
+  std::vector<ComponentId> components;  // whose keyframes, points or own row it put or removed, ascending
+  // What it put (added or replaced) and removed.
+  std::int64_t keyframes_put = 0;
+  std::int64_t keyframes_removed = 0;
+  std::int64_t points_put = 0;
+  std::int64_t points_removed = 0;
+  std::int64_t cameras_put = 0;
+  std::int64_t cameras_removed = 0;
+  std::int64_t sessions_put = 0;
+  std::int64_t components_put = 0;
+  std::int64_t components_removed = 0;
+  bool info_put = false;
+};
+inline constexpr int kMaxLoggedChanges = 1000;
+
+// Which of them: those that fit all that is said.
+struct ChangeQuery {
+  Revision from_revision = 0;  // those that made this revision and later ones
+  SessionId session;           // none: whoever made them
+  int max_count = kMaxLoggedChanges;
+};
+
+// How far back MapStore::ReadDelta() reaches: what was removed in the newest so many revisions is remembered.
+inline constexpr Revision kMaxDeltaRevisions = 1000;
+
+// Something wrong with a map.
+struct Finding {
+  std::string table;    // empty: the map as a whole
+  std::int64_t id = 0;  // of the row; 0: the table as a whole
+  std::string message;
+};
+
+class MapStore {
+ public:
+  // Close(), errors ignored.
+  virtual ~MapStore() = default;
+  MapStore(const MapStore&) = delete;
+  MapStore& operator=(const MapStore&) = delete;
+
+  // Gives up the right to write, and leaves the map as tidy as it can be. The error if the map is not where it was
+  // opened any more. Nothing else may be called afterwards.
+  virtual absl::Status Close() = 0;
+
+  virtual const std::string& uri() const = 0;
+  virtual bool writable() const = 0;
+  // False: a new map of which nothing is kept yet (CreateMapStore).
+  virtual bool exists() const = 0;
+  // What a user should be told of the state in which it was found, or of what opening did: one sentence each.
+  virtual const std::vector<std::string>& notes() const = 0;
+
+  // Exactly one transaction: after OK the change is in the map for good, after an error nothing of it is. The delta
+  // must be one that Snapshot::Apply() takes: nothing is checked here but what would make the rows contradict each
+  // other. Errors: FailedPrecondition if delta.base is not the map's revision (so that a change is never made twice) or
+  // the map is open for reading, kFull, kReadOnly, kIo, kDamaged, kMoved.
+  virtual absl::Status Commit(const map::Delta& delta) = 0;
+
+  // The newest revision, with every checksum and every reference checked. kDamaged names the table and row at fault.
+  virtual absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot() = 0;
+
+  // Stores the vocabulary that MapInfo::vocabulary_hash names. FailedPrecondition if another one is stored and
+  // keyframes exist.
+  virtual absl::Status PutVocabulary(absl::string_view bytes) = 0;
+  // As it was put. NotFound (without a fault) if the map has none.
+  virtual absl::StatusOr<std::string> LoadVocabulary() = 0;
+
+  // Cheap: to see whether a writer has moved on.
+  virtual absl::StatusOr<Revision> ReadRevision() = 0;
+  // All changes since `base`, a revision of this map, as one: base.Apply() makes it the newest revision, equal to the
+  // bit to what LoadSnapshot() gives. Reads as much as changed; what did not is shared with `base`. With
+  // `num_changes` 0 if nothing has happened. Nothing if `base` is too old (kMaxDeltaRevisions), not of this map, or the
+  // map is of a format before 4: load it anew. Errors as of LoadSnapshot.
+  virtual absl::StatusOr<std::optional<map::Delta>> ReadDelta(const map::Snapshot& base) = 0;
+  virtual absl::StatusOr<MapSummary> ReadSummary() = 0;
+  // The newest first.
+  virtual absl::StatusOr<std::vector<LoggedChange>> ReadChanges(const ChangeQuery& query = {}) = 0;
+
+  // Everything there is to check: the store's own structures, every reference, every checksum, the consistency of the
+  // map. No findings: the map is good. An error only if checking itself was not possible.
+  virtual absl::StatusOr<std::vector<Finding>> Verify() = 0;
+
+  // ContentDigest (store/digest.h) of the newest revision.
+  virtual absl::StatusOr<std::string> ContentDigest() = 0;
+
+  // Writes the newest revision to a map of its own, while others may go on writing this one. kExists if there is one.
+  virtual absl::Status CopyTo(const std::string& uri) = 0;
+
+  // Gives room that removed keyframes and points left back. Needs as much free disk as the map has bytes.
+  virtual absl::Status Compact() = 0;
+
+ protected:
+  MapStore() = default;
+};
+
+// The map at `uri`: the path of a file, for now. Faults: all but kExists.
+absl::StatusOr<std::unique_ptr<MapStore>> OpenMapStore(const std::string& uri, OpenMode mode,
+                                                       const WriteOptions& options = {});
+
+// A new map, open for writing. It comes into being with the first keyframe that is committed: whoever commits none
+// leaves nothing behind. A map that is to be overwritten stays until Close(), which replaces it in one step; until then
+// the new one is complete up to its last commit beside it, named in docs/map-format.md, and after a kill both are
+// there. Faults: kExists, kNotAMap (what is to be overwritten is something else), kReadOnly, kFull, kBusy;
+// InvalidArgument if `info` or the name makes no sense. These are found now, not when the first keyframe comes.
+absl::StatusOr<std::unique_ptr<MapStore>> CreateMapStore(const std::string& uri, const map::MapInfo& info,
+                                                         CreateOptions options = {});
+
+}  // namespace cairn::store

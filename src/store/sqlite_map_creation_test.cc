@@ -1,0 +1,181 @@
+#include "store/sqlite_map_creation.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <filesystem>
+
+#include "store/digest.h"
+#include "store/test_files.h"
+#include "store/test_maps.h"
+
+namespace cairn::store {
+namespace {
+
+using ::testing::ElementsAre;
+using testing::ExitCode;
+using ::testing::HasSubstr;
+using testing::InChild;
+using ::testing::IsEmpty;
+using testing::MakeMap;
+using testing::MapGrower;
+using testing::SameBits;
+using testing::TempFolder;
+using testing::TestInfo;
+using ::testing::UnorderedElementsAre;
+using testing::WriteBytes;
+using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
+
+SnapshotPtr Load(const std::string& path) { return *(*OpenMapStore(path, OpenMode::kRead))->LoadSnapshot(); }
+
+TEST(SqliteMapCreation, AMapComesIntoBeingWithItsFirstKeyframe) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  auto store = *CreateMapStore(path, TestInfo(), {.vocabulary = "words"});
+  MapGrower grower(1);
+  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+  const map::Delta start = grower.Start(map);
+  map = *map->Apply(start);
+  ASSERT_TRUE(store->Commit(start).ok());
+  EXPECT_EQ(store->Commit(start).code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_FALSE(store->exists());
+  EXPECT_FALSE(std::filesystem::exists(path));
+  EXPECT_EQ(*store->ReadRevision(), 1u);
+  EXPECT_TRUE(SameBits(**store->LoadSnapshot(), *map));
+  EXPECT_EQ(*store->ContentDigest(), ContentDigest(*map));
+  EXPECT_EQ(*store->LoadVocabulary(), "words");
+  EXPECT_FALSE(store->ReadSummary().ok());
+  // Nobody else makes one there meanwhile.
+  EXPECT_EQ(FaultOf(CreateMapStore(path, TestInfo()).status()), Fault::kBusy);
+
+  const map::Delta first = grower.AddKeyframe(map);
+  ASSERT_TRUE(store->Commit(first).ok());
+  map = *map->Apply(first);
+  EXPECT_TRUE(store->exists());
+  EXPECT_TRUE(SameBits(*Load(path), *map));
+  EXPECT_EQ(store->ReadChanges()->size(), 2u);
+  ASSERT_TRUE(store->Close().ok());
+  EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
+  EXPECT_TRUE(SameBits(*Load(path), *map));
+  EXPECT_EQ(FaultOf(CreateMapStore(path, TestInfo()).status()), Fault::kExists);
+}
+
+TEST(SqliteMapCreation, NoKeyframeLeavesNothing) {
+  const TempFolder folder;
+  MapGrower grower(2);
+  {
+    auto store = *CreateMapStore(folder.File("a.cairn"), TestInfo());
+    ASSERT_TRUE(store->Commit(grower.Start(map::Snapshot::Empty(TestInfo()))).ok());
+    ASSERT_TRUE(store->Close().ok());
+  }
+  EXPECT_THAT(folder.Names(), IsEmpty());
+  const SnapshotPtr old = MakeMap(folder.File("a.cairn"), 3, 3);
+  { auto store = *CreateMapStore(folder.File("a.cairn"), TestInfo(), {.overwrite = true}); }
+  EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
+  EXPECT_TRUE(SameBits(*Load(folder.File("a.cairn")), *old));
+}
+
+TEST(SqliteMapCreation, TheOldMapStaysUntilTheNewOneIsComplete) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  const SnapshotPtr old = MakeMap(path, 4, 3);
+  auto store = *CreateMapStore(path, TestInfo(), {.overwrite = true});
+  MapGrower grower(5);
+  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+  for (int i = 0; i < 4; ++i) {
+    const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
+    ASSERT_TRUE(store->Commit(delta).ok());
+    map = *map->Apply(delta);
+  }
+  EXPECT_TRUE(SameBits(*Load(path), *old));
+  EXPECT_TRUE(SameBits(*Load(path + "-new"), *map));
+  EXPECT_EQ(FaultOf(OpenMapStore(path, OpenMode::kWrite).status()), Fault::kBusy);
+  ASSERT_TRUE(store->Close().ok());
+  EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
+  EXPECT_TRUE(SameBits(*Load(path), *map));
+}
+
+TEST(SqliteMapCreation, AKilledOverwriteLosesNeither) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  const SnapshotPtr old = MakeMap(path, 6, 3);
+  const pid_t child = InChild([&] {
+    auto store = *CreateMapStore(path, TestInfo(), {.overwrite = true});
+    MapGrower grower(7);
+    SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+    for (int i = 0; i < 4; ++i) {
+      const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
+      if (!store->Commit(delta).ok()) return 1;
+      map = *map->Apply(delta);
+    }
+    kill(getpid(), SIGKILL);
+    return 0;
+  });
+  ASSERT_EQ(ExitCode(child), -1);
+  for (const OpenMode mode : {OpenMode::kRead, OpenMode::kWrite}) {
+    auto store = OpenMapStore(path, mode);
+    ASSERT_TRUE(store.ok()) << store.status();
+    ASSERT_EQ((*store)->notes().size(), 1u);
+    EXPECT_THAT((*store)->notes()[0], HasSubstr("a.cairn-new"));
+    EXPECT_TRUE(SameBits(**(*store)->LoadSnapshot(), *old));
+  }
+  EXPECT_EQ(Load(path + "-new")->keyframes().size(), 3u);
+  // The next one that overwrites says so, and takes its place.
+  auto store = *CreateMapStore(path, TestInfo(), {.overwrite = true});
+  ASSERT_EQ(store->notes().size(), 1u);
+  EXPECT_THAT(store->notes()[0], HasSubstr("will be removed"));
+  MapGrower grower(8);
+  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+  for (int i = 0; i < 2; ++i) {
+    const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
+    ASSERT_TRUE(store->Commit(delta).ok());
+    map = *map->Apply(delta);
+  }
+  ASSERT_TRUE(store->Close().ok());
+  EXPECT_TRUE(SameBits(*Load(path), *map));
+  EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
+}
+
+TEST(SqliteMapCreation, OnlyMapsAreOverwritten) {
+  const TempFolder folder;
+  WriteBytes(folder.File("notes.txt"), "not a map");
+  const absl::Status status = CreateMapStore(folder.File("notes.txt"), TestInfo(), {.overwrite = true}).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("is not a Cairn map"));
+  EXPECT_EQ(testing::ReadBytes(folder.File("notes.txt")), "not a map");
+  WriteBytes(folder.File("empty"), "");
+  EXPECT_TRUE(CreateMapStore(folder.File("empty"), TestInfo(), {.overwrite = true}).ok());
+  EXPECT_THAT(folder.Names(), UnorderedElementsAre("notes.txt", "empty"));
+}
+
+TEST(SqliteMapCreation, AFileThatAppearsMeanwhileIsNotOverwritten) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  MapGrower grower(9);
+  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+  const map::Delta start = grower.Start(map);
+  map = *map->Apply(start);
+  const map::Delta first = grower.AddKeyframe(map);
+  {
+    auto store = *CreateMapStore(path, TestInfo());
+    ASSERT_TRUE(store->Commit(start).ok());
+    WriteBytes(path, "somebody else's");
+    EXPECT_EQ(FaultOf(store->Commit(first)), Fault::kExists);
+    std::filesystem::remove(path);
+    EXPECT_TRUE(store->Commit(first).ok());
+  }
+  auto store = *CreateMapStore(path, TestInfo(), {.overwrite = true});
+  ASSERT_TRUE(store->Commit(start).ok());
+  ASSERT_TRUE(store->Commit(first).ok());
+  std::filesystem::remove(path);
+  WriteBytes(path, "somebody else's");
+  const absl::Status closed = store->Close();
+  EXPECT_EQ(FaultOf(closed), Fault::kMoved) << closed;
+  EXPECT_THAT(std::string(closed.message()), HasSubstr("complete in " + path + "-new"));
+  EXPECT_EQ(testing::ReadBytes(path), "somebody else's");
+  EXPECT_TRUE(SameBits(*Load(path + "-new"), **(*OpenMapStore(path + "-new", OpenMode::kRead))->LoadSnapshot()));
+}
+
+}  // namespace
+}  // namespace cairn::store

@@ -1,0 +1,374 @@
+#include "store/sqlite_map_store.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "store/delta_reader.h"
+#include "store/delta_writer.h"
+#include "store/digest.h"
+#include "store/file_paths.h"
+#include "store/format_upgrade.h"
+#include "store/map_open.h"
+#include "store/map_reader.h"
+#include "store/migrations.h"
+#include "store/sqlite.h"
+#include "store/write_ahead_log.h"
+#include "store/writer_lock.h"
+
+namespace cairn::store {
+namespace {
+
+std::int64_t NowUnixNs() {
+  using std::chrono::nanoseconds;
+  return std::chrono::duration_cast<nanoseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+}  // namespace
+
+int SupportedFormatVersion() { return BuiltInMigrations().back().version; }
+
+SqliteMapStore::SqliteMapStore(std::string path, std::string resolved, std::unique_ptr<Database> database,
+                               FileIdentity identity)
+    : path_(std::move(path)),
+      resolved_(std::move(resolved)),
+      database_(std::move(database)),
+      identity_(std::move(identity)) {}
+
+SqliteMapStore::~SqliteMapStore() {
+  if (database_) Close().IgnoreError();
+}
+
+absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::Create(const std::string& path,
+                                                                       const map::MapInfo& info,
+                                                                       const CreateOptions& options) {
+  auto created = [&]() -> absl::StatusOr<std::unique_ptr<SqliteMapStore>> {
+    CAIRN_RETURN_IF_ERROR(CheckNewInfo(info));
+    CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveNew(path));
+    CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
+    CAIRN_ASSIGN_OR_RETURN(auto lock, WriterLock::Acquire(resolved));
+    if (!options.overwrite && access(resolved.c_str(), F_OK) == 0) {
+      return MakeFault(Fault::kExists, "exists already: choose another name, or ask to overwrite it");
+    }
+    CAIRN_RETURN_IF_ERROR(WriteNewMap(resolved, info, options.vocabulary));
+    return OpenLocked(path, resolved, std::move(lock), options.write);
+  }();
+  if (!created.ok()) return Annotate(created.status(), absl::StrCat("creating map ", path));
+  return created;
+}
+
+absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::Open(const std::string& path,
+                                                                     const WriteOptions& options) {
+  auto opened = [&]() -> absl::StatusOr<std::unique_ptr<SqliteMapStore>> {
+    CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(path));
+    CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
+    CAIRN_RETURN_IF_ERROR(CheckOneName(resolved));
+    CAIRN_ASSIGN_OR_RETURN(auto lock, WriterLock::Acquire(resolved));
+    CAIRN_ASSIGN_OR_RETURN(auto store, OpenLocked(path, resolved, std::move(lock), options));
+    store->NoteLeftovers();
+    return store;
+  }();
+  if (!opened.ok()) return Annotate(opened.status(), absl::StrCat("opening map ", path, " for writing"));
+  return opened;
+}
+
+absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenLocked(const std::string& path,
+                                                                           const std::string& resolved,
+                                                                           std::unique_ptr<WriterLock> lock,
+                                                                           const WriteOptions& options) {
+  CAIRN_RETURN_IF_ERROR(CheckLog(resolved));
+  CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
+  CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(resolved, Database::Mode::kReadWrite));
+  CAIRN_RETURN_IF_ERROR(CheckIdentity(database.get()));
+  CAIRN_RETURN_IF_ERROR(PrepareForWriting(database.get(), options));
+  std::vector<std::string> notes;
+  CAIRN_RETURN_IF_ERROR(UpgradeFormat(database.get(), resolved, &notes));
+  CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
+  std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
+  store->lock_ = std::move(lock);
+  store->options_ = options;
+  store->notes_ = std::move(notes);
+  CAIRN_ASSIGN_OR_RETURN(store->writer_, DeltaWriter::Prepare(store->database_.get()));
+  CAIRN_RETURN_IF_ERROR(store->writer_->BeginLog());
+  // The token must be in the file before the first change is in the log.
+  CAIRN_RETURN_IF_ERROR(store->database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
+  CAIRN_ASSIGN_OR_RETURN(const MapRow map_row, store->writer_->ReadMapRow());
+  store->log_token_ = map_row.log_token;
+  store->previous_log_token_ = map_row.previous_log_token;
+  CAIRN_ASSIGN_OR_RETURN(store->log_identity_, FileIdentity::Of(absl::StrCat(resolved, kLogSuffix)));
+  CAIRN_RETURN_IF_ERROR(store->CheckInPlace());
+  return store;
+}
+
+absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(const std::string& path) {
+  auto opened = [&]() -> absl::StatusOr<std::unique_ptr<SqliteMapStore>> {
+    CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(path));
+    CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
+    std::string immutable_stamp;
+    CAIRN_ASSIGN_OR_RETURN(auto database, OpenForReading(resolved, &immutable_stamp));
+    CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
+    std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
+    store->immutable_stamp_ = immutable_stamp;
+    MapReader reader(store->database_.get(), DamagedBy);
+    CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    store->NoteLeftovers();
+    return store;
+  }();
+  if (!opened.ok()) return Annotate(opened.status(), absl::StrCat("opening map ", path));
+  return opened;
+}
+
+void SqliteMapStore::NoteLeftovers() {
+  const std::string fresh = absl::StrCat(resolved_, kNewSuffix);
+  if (!HasContent(fresh) || (lock_ == nullptr && WriterLock::IsHeld(resolved_))) return;
+  notes_.push_back(absl::StrCat(fresh,
+                                " is a map that was to replace this one when its writer was killed: it is whole up to "
+                                "its last change. Move it to another name to use it, or delete it"));
+}
+
+absl::Status SqliteMapStore::Close() {
+  if (!database_) return absl::OkStatus();
+  if (writable()) return Annotated(CloseWriting());
+  const absl::Status closed = database_->Close();
+  database_.reset();
+  return Annotated(closed);
+}
+
+bool SqliteMapStore::HasOwnContent() {
+  const auto state = ReadMapState(database_.get());
+  if (!state.ok() || !state->has_value()) return false;
+  if ((*state)->log_token != log_token_) return !log_token_.empty() && (*state)->log_token == previous_log_token_;
+  previous_log_token_ = "none";
+  return true;
+}
+
+absl::Status SqliteMapStore::CloseWriting() {
+  const absl::Status in_place = CheckInPlace();
+  // Deterministic runs leave the same file.
+  if (in_place.ok() && !options_.record_wall_clock) writer_->EndLog().IgnoreError();
+  writer_.reset();
+  if (identity_.IsAt(resolved_) && !HasOwnContent()) {
+    const absl::Status left = database_->CloseWithoutFolding();
+    database_.reset();
+    lock_.reset();
+    return in_place.ok() ? left : in_place;
+  }
+  const absl::Status folded = database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)");
+  absl::Status status = folded;
+  if (!in_place.ok()) status = Rescue(folded.ok() ? in_place : folded);
+  const absl::Status closed = database_->Close();
+  database_.reset();
+  lock_.reset();
+  return status.ok() ? closed : status;
+}
+
+absl::Status SqliteMapStore::CheckInPlace() {
+  const std::string log = absl::StrCat(resolved_, kLogSuffix);
+  const bool file_in_place = identity_.IsAt(resolved_);
+  if (file_in_place && !HasOwnContent()) {
+    return MakeFault(Fault::kMoved,
+                     absl::StrCat("another file was copied over it while it was written. That is left as it is; what was "
+                                  "mapped since it was opened is lost, but for what is in ",
+                                  log));
+  }
+  if (file_in_place && log_identity_.IsAt(log)) return absl::OkStatus();
+  if (file_in_place) {
+    return MakeFault(Fault::kMoved,
+                     absl::StrCat("its write-ahead log ", log,
+                                  " was removed or replaced while it was written; close the map, so that "
+                                  "it is folded into the file, and open it again"));
+  }
+  const bool vacant = access(resolved_.c_str(), F_OK) != 0;
+  return MakeFault(Fault::kMoved, vacant ? "it was removed or moved away while it was written"
+                                         : "another file was put in its place while it was written");
+}
+
+absl::Status SqliteMapStore::Rescue(const absl::Status& moved) {
+  // SQLite, too, sees that the file has moved, and leaves what lies beside its old name alone. What is there is this
+  // map's own, and empty, if nothing else is.
+  const std::string log = absl::StrCat(resolved_, kLogSuffix);
+  if (identity_.IsAt(resolved_)) return absl::OkStatus();  // only the log was gone, and all of it is in the file now
+  if (access(resolved_.c_str(), F_OK) != 0 && log_identity_.IsAt(log)) RemoveCompanions(resolved_);
+  if (const auto now_at = identity_.CurrentPath()) {
+    return Annotate(moved, absl::StrCat("the map is complete, but in ", *now_at));
+  }
+  const std::string rescued = absl::StrCat(resolved_, ".rescued");
+  if (access(rescued.c_str(), F_OK) == 0) {
+    return Annotate(moved, absl::StrCat("the map is lost: it is not saved as ", rescued, ", which exists already"));
+  }
+  const absl::Status saved = CopyDatabase(database_.get(), rescued);
+  if (!saved.ok()) {
+    return Annotate(moved, absl::StrCat("the map is lost: saving it as ", rescued, " failed: ", saved.message()));
+  }
+  return Annotate(moved, absl::StrCat("the map was saved as ", rescued));
+}
+
+absl::Status SqliteMapStore::Annotated(const absl::Status& status) const {
+  return Annotate(status, absl::StrCat("map ", path_));
+}
+
+absl::Status SqliteMapStore::RequireWritable() const {
+  if (writable()) return absl::OkStatus();
+  return absl::FailedPreconditionError("it is open for reading only");
+}
+
+absl::Status SqliteMapStore::CheckUnchanged() const {
+  if (immutable_stamp_.empty() || immutable_stamp_ == FileStamp(resolved_)) return absl::OkStatus();
+  return MakeFault(Fault::kBusy, "it was written while it was read; open it again");
+}
+
+absl::Status SqliteMapStore::Commit(const map::Delta& delta) {
+  CAIRN_RETURN_IF_ERROR(Annotated(RequireWritable()));
+  CAIRN_RETURN_IF_ERROR(Annotated(CheckInPlace()));
+  return Annotated(writer_->Commit(delta, options_.record_wall_clock ? NowUnixNs() : 0));
+}
+
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> SqliteMapStore::LoadSnapshot() {
+  auto loaded = [&]() -> absl::StatusOr<std::shared_ptr<const map::Snapshot>> {
+    CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
+                           Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+    MapReader reader(database_.get(), DamagedBy);
+    CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    CAIRN_RETURN_IF_ERROR(reader.ReadEntities());
+    CAIRN_ASSIGN_OR_RETURN(auto snapshot, reader.Assemble());
+    CAIRN_RETURN_IF_ERROR(CheckUnchanged());
+    return snapshot;
+  }();
+  if (!loaded.ok()) return Annotated(loaded.status());
+  return loaded;
+}
+
+absl::Status SqliteMapStore::PutVocabulary(absl::string_view bytes) {
+  const auto put = [&]() -> absl::Status {
+    CAIRN_RETURN_IF_ERROR(RequireWritable());
+    CAIRN_ASSIGN_OR_RETURN(Transaction transaction, Transaction::Begin(database_.get(), Transaction::Kind::kWrite));
+    CAIRN_ASSIGN_OR_RETURN(const MapRow map_row, writer_->ReadMapRow());
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t others,
+                           database_->QueryInt(absl::StrCat("SELECT count(*) FROM vocabulary WHERE bytes_checksum != ",
+                                                            BlobChecksum(AsBytes(bytes)))));
+    if (others > 0 && map_row.keyframe_count > 0) {
+      return absl::FailedPreconditionError("its keyframes refer to the words of another vocabulary");
+    }
+    CAIRN_RETURN_IF_ERROR(WriteVocabulary(database_.get(), bytes));
+    // Every change carries this row, by which a log is known.
+    CAIRN_RETURN_IF_ERROR(writer_->PutMapRow(map_row));
+    return transaction.Commit();
+  };
+  return Annotated(put());
+}
+
+absl::StatusOr<std::string> SqliteMapStore::LoadVocabulary() {
+  auto loaded = [&]() -> absl::StatusOr<std::string> {
+    CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kVocabularyTable.SelectSql("WHERE id = 1")));
+    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+    if (!found) return absl::NotFoundError("it holds no vocabulary");
+    const Bytes bytes = rows.Blob(2);
+    if (rows.Int(1) != BlobChecksum(bytes)) return DamagedBy({"vocabulary", 1, "bytes: wrong checksum"});
+    CAIRN_RETURN_IF_ERROR(CheckUnchanged());
+    return std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  }();
+  if (!loaded.ok()) return Annotated(loaded.status());
+  return loaded;
+}
+
+absl::StatusOr<Revision> SqliteMapStore::ReadRevision() {
+  const absl::StatusOr<std::int64_t> revision = database_->QueryInt("SELECT revision FROM map");
+  if (!revision.ok()) return Annotated(revision.status());
+  return static_cast<Revision>(*revision);
+}
+
+absl::StatusOr<std::optional<map::Delta>> SqliteMapStore::ReadDelta(const map::Snapshot& base) {
+  auto read = [&]() -> absl::StatusOr<std::optional<map::Delta>> {
+    CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
+                           Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+    CAIRN_ASSIGN_OR_RETURN(auto delta, DeltaReader(database_.get(), base).Read());
+    CAIRN_RETURN_IF_ERROR(CheckUnchanged());
+    return delta;
+  }();
+  if (!read.ok()) return Annotated(read.status());
+  return read;
+}
+
+absl::StatusOr<MapSummary> SqliteMapStore::ReadSummary() {
+  auto read = [&]() -> absl::StatusOr<MapSummary> {
+    CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
+                           Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+    MapReader reader(database_.get(), DamagedBy);
+    CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    const MapRow& row = reader.map_row();
+    MapSummary summary;
+    summary.revision = row.revision;
+    summary.info = row.info;
+    summary.keyframes = row.keyframe_count;
+    summary.points = row.point_count;
+    summary.covisibility_edges = row.covisibility_count;
+    summary.format_version = static_cast<int>(reader.format());
+    CAIRN_ASSIGN_OR_RETURN(summary.cameras, database_->QueryInt("SELECT count(*) FROM cameras"));
+    CAIRN_ASSIGN_OR_RETURN(summary.sessions, database_->QueryInt("SELECT count(*) FROM sessions"));
+    // Older formats have none by themselves; what they come to is found when the map is loaded.
+    if (reader.format() >= 4) {
+      CAIRN_ASSIGN_OR_RETURN(summary.components, database_->QueryInt("SELECT count(*) FROM components"));
+    }
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t pages, database_->QueryInt("PRAGMA page_count"));
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t page_bytes, database_->QueryInt("PRAGMA page_size"));
+    summary.file_bytes = pages * page_bytes;
+    CAIRN_ASSIGN_OR_RETURN(summary.vocabulary_bytes,
+                           database_->QueryInt("SELECT coalesce(sum(length(bytes)), 0) FROM vocabulary"));
+    return summary;
+  }();
+  if (!read.ok()) return Annotated(read.status());
+  return read;
+}
+
+absl::StatusOr<std::vector<LoggedChange>> SqliteMapStore::ReadChanges(const ChangeQuery& query) {
+  auto read = [&]() -> absl::StatusOr<std::vector<LoggedChange>> {
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, database_->QueryInt("PRAGMA user_version"));
+    std::vector<LoggedChange> changes;
+    // Formats before 4 do not know who made a change.
+    if (query.session && format < 4) return changes;
+    const std::string by_session = query.session ? absl::StrCat(" AND session = ", query.session.value()) : "";
+    CAIRN_ASSIGN_OR_RETURN(
+        Statement rows,
+        database_->Prepare(kChangesTable.SelectSql(
+            absl::StrCat("WHERE revision >= ?1", by_session, " ORDER BY revision DESC LIMIT ?2"), format)));
+    rows.Bind(1, static_cast<std::int64_t>(query.from_revision));
+    rows.Bind(2, static_cast<std::int64_t>(std::max(0, query.max_count)));
+    Row row;
+    while (true) {
+      CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+      if (!found) return changes;
+      if (!row.ReadWithChecksum(rows)) return DamagedBy({"changes", rows.Int(0), "wrong checksum"});
+      CAIRN_RETURN_IF_ERROR(FromRow(rows, &changes.emplace_back()));
+    }
+  }();
+  if (!read.ok()) return Annotated(read.status());
+  return read;
+}
+
+absl::StatusOr<std::string> SqliteMapStore::ContentDigest() {
+  CAIRN_ASSIGN_OR_RETURN(const auto snapshot, LoadSnapshot());
+  return store::ContentDigest(*snapshot);
+}
+
+absl::Status SqliteMapStore::CopyTo(const std::string& path) {
+  const auto copy = [&]() -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveNew(path));
+    CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
+    CAIRN_ASSIGN_OR_RETURN(const auto lock, WriterLock::Acquire(resolved));
+    if (access(resolved.c_str(), F_OK) == 0) return MakeFault(Fault::kExists, "exists already: choose another name");
+    CAIRN_RETURN_IF_ERROR(CopyDatabase(database_.get(), resolved));
+    return CheckUnchanged();
+  };
+  return Annotate(Annotated(copy()), absl::StrCat("copying to ", path));
+}
+
+absl::Status SqliteMapStore::Compact() {
+  CAIRN_RETURN_IF_ERROR(Annotated(RequireWritable()));
+  CAIRN_RETURN_IF_ERROR(Annotated(database_->Execute("VACUUM")));
+  return Annotated(database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
+}
+
+}  // namespace cairn::store

@@ -1,0 +1,38 @@
+// Whether the write-ahead log beside a map belongs to it. SQLite replays whatever valid log lies beside a database:
+// that of a killed run onto a backup copied over the map, too. A log is told by what its changes carry: every commit
+// writes the row of table `map`, with the map's id, the revision, and the token of the writer that made it
+// (docs/map-format.md, "The write-ahead log").
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "base/status.h"
+#include "store/sqlite.h"
+
+namespace cairn::store {
+
+// What the row of table `map` says, as far as it stands in one page of the file.
+struct MapState {
+  std::string map_id;
+  Revision revision = 0;
+  std::string log_token;           // of the writer that made this revision; empty: of a format before 4
+  std::string previous_log_token;  // of the writer before
+  std::int64_t schema_cookie = 0;  // SQLite's, of the database that the writer writes: a copy has another
+};
+
+// 32 random hex digits: the token of a writer.
+std::string NewLogToken();
+
+// From the bytes of that page; none if they are not such a page.
+std::optional<MapState> ParseMapPage(Bytes page);
+
+// From the file of a database as it is on disk, without its log.
+absl::StatusOr<std::optional<MapState>> ReadMapState(Database* database);
+
+// OK if there is no log at `path`-wal, or one that SQLite may replay onto the file at `path`; else fault kForeignLog.
+// Nothing is changed.
+absl::Status CheckLog(const std::string& path);
+
+}  // namespace cairn::store
