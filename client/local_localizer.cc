@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "base/guarded.h"
 #include "map/camera_identity.h"
 #include "map/lens.h"
 
@@ -153,6 +154,10 @@ api::LensUse LocalLocalizer::CorrectLens(const image::Undistorter& undistorter, 
 }
 
 absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::LocalizeQuery& query) {
+  return Guarded([&] { return Locate(query); });
+}
+
+absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Locate(const api::LocalizeQuery& query) {
   CAIRN_RETURN_IF_ERROR(CheckQuery(query));
   api::LocalizeAnswer answer;
   answer.map_id = snapshot().info().id;

@@ -47,6 +47,7 @@ class LocalLocalizer : public api::Localizer {
       : options_(options), relocalizer_(options.relocalizer) {}
 
   absl::Status Load();
+  absl::StatusOr<api::LocalizeAnswer> Locate(const api::LocalizeQuery& query);
   std::shared_ptr<const image::Undistorter> KnownUndistorter(const Camera& camera);  // null: not known
   absl::StatusOr<std::shared_ptr<const image::Undistorter>> UndistorterFor(const Camera& camera);
   api::LensUse CorrectLens(const image::Undistorter& undistorter, image::Features* features) const;

@@ -149,6 +149,7 @@ TEST(FrameFeed, ErrorsOfReadingAndOfImagesArriveAfterTheFramesBeforeThem) {
                        if (++count < 3) return recording();
                        if (!bad_image) return absl::DataLossError("the disk broke");
                        RawFrame small;
+                       small.time_ns = 2000;
                        small.gray = cv::Mat(10, 10, CV_8UC1, cv::Scalar(0));
                        return std::optional<RawFrame>(small);
                      });

@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "base/guarded.h"
+
 namespace cairn::engine {
 
 absl::StatusOr<FramePreparation> FramePreparation::Create(const SessionSource& source) {
@@ -12,8 +14,9 @@ absl::StatusOr<FramePreparation> FramePreparation::Create(const SessionSource& s
 }
 
 absl::StatusOr<direct::Frame> FramePreparation::Prepare(const RawFrame& raw) const {
-  CAIRN_ASSIGN_OR_RETURN(image::PreparedImage prepared,
-                         image::PrepareImage(raw.gray, undistorter_, photometric_ ? &*photometric_ : nullptr));
+  CAIRN_ASSIGN_OR_RETURN(image::PreparedImage prepared, Guarded([&] {
+                           return image::PrepareImage(raw.gray, undistorter_, photometric_ ? &*photometric_ : nullptr);
+                         }));
   direct::Frame frame;
   frame.index = raw.index;
   frame.time_ns = raw.time_ns;

@@ -235,7 +235,9 @@ absl::Status OpenOptions::Validate() const {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& path, const OpenOptions& options) {
+namespace {
+
+absl::StatusOr<std::unique_ptr<FrameSource>> OpenFolder(const std::string& path, const OpenOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   if (!IsFolder(path)) {
     const std::string kind = IsFile(path) ? "is a file" : WhyNoFile(path);
@@ -271,6 +273,12 @@ absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string
   info.photometric = std::move(files.photometric);
   info.body_from_camera = files.body_from_camera;
   return ListedFrameSource::Create(std::move(info), *std::move(selected), options.prefetch);
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<FrameSource>> FrameSource::Open(const std::string& path, const OpenOptions& options) {
+  return Guarded([&] { return OpenFolder(path, options); });
 }
 
 }  // namespace cairn::io

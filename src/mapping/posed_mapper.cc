@@ -247,13 +247,15 @@ absl::Status PosedMapper::Impl::CheckFit(PoseCheck* fit) const {
     if (alike) pairs.emplace_back(i, alike->second);
   }
   *fit = CheckPoses(views, pairs, pinhole_);
-  if (fit->matches < kEnoughMatches || fit->share >= options_.min_fit_share) return absl::OkStatus();
+  const bool inverses_fit = fit->inverted_share >= options_.min_fit_share && fit->inverted_share > fit->share + 0.2;
+  if (options_.min_fit_share == 0.0 || fit->matches < kEnoughMatches) return absl::OkStatus();
+  if (fit->share >= options_.min_fit_share && !inverses_fit) return absl::OkStatus();
   const int percent = static_cast<int>(100.0 * fit->share + 0.5);
   const int inverted = static_cast<int>(100.0 * fit->inverted_share + 0.5);
   std::string message =
       absl::StrCat("the given poses are not those of the images: they explain ", percent, " % of ", fit->matches,
                    " matches between ", fit->pairs, " pairs of images, where right ", "ones explain most");
-  if (fit->inverted_share >= options_.min_fit_share) {
+  if (inverses_fit) {
     absl::StrAppend(&message, "; inverted they explain ", inverted,
                     " %: give world_from_camera, not camera_from_world");
   } else {

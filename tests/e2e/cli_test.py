@@ -105,24 +105,21 @@ class CommandLine(unittest.TestCase):
     def test_a_reader_that_goes_away_is_no_noise(self):
         process = self.start('info', self.map)
         process.stdout.close()
-        err = process.stderr.read()
-        self.assertIn(process.wait(timeout=60), (0, -signal.SIGPIPE))
-        self.assertEqual(err, '')
+        self.assertEqual(process.stderr.read(), '')
+        process.stderr.close()
+        self.assertEqual(process.wait(timeout=60), -signal.SIGPIPE)
 
     def test_a_full_disk_keeps_the_trajectory_that_goes_elsewhere(self):
         # The limit of a file's size stands for the disk: the map comes to it, the trajectory does not.
         trajectory = self.path('full.txt')
-        limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3 << 20, 3 << 20))
+        limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4_600_000, 4_600_000))
         process = self.start('run', self.office, '--map', self.path('full.cairn'), '--trajectory', trajectory, '--json',
                              preexec_fn=limit)
         out, err = process.communicate(timeout=120)
         self.assertEqual(process.returncode, 1, out + err)
-        error = json.loads(out)['error']
-        if trajectory.exists():  # the map had begun
-            self.assertIn('what was known until then is in', error)
-            self.assertGreater(len(trajectory.read_text().splitlines()), 3)
-        else:
-            self.assertEqual(must('run', self.office, '--until', 0.2, '--odometry-only')['keyframes'], 0, error)
+        self.assertIn('what was known until then is in', json.loads(out)['error'])
+        self.assertGreater(len(trajectory.read_text().splitlines()), 20)
+        self.assertGreaterEqual(must('info', self.path('full.cairn'))['keyframes'], 1)
 
     # Outputs onto inputs
 

@@ -22,10 +22,11 @@ int Columns() {
   return ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0 ? size.ws_col : 80;
 }
 
-// "61/s, 0:42 left".
+// "61/s, 0:42 left"; "61/s" at the end.
 std::string Pace(double per_s, double left_s) {
   const std::string rate = per_s >= 10.0 ? absl::StrFormat("%.0f/s", per_s) : absl::StrFormat("%.1f/s", per_s);
   const auto left = static_cast<long long>(left_s + 0.5);
+  if (left == 0) return rate;
   if (left >= 3600) return absl::StrFormat("%s, %d:%02d:%02d left", rate, left / 3600, left / 60 % 60, left % 60);
   return absl::StrFormat("%s, %d:%02d left", rate, left / 60, left % 60);
 }

@@ -366,10 +366,10 @@ absl::Status KeepWhatIsKnown(const RunOptions& options, const engine::Session& s
   return Guarded([&] {
     const ComponentId component = session.Where().component;
     const std::vector<std::pair<TimeNs, SE3>> poses = PosesToReport(session.FramePoses(), component);
-    const map::Snapshot& published = map.Published()->map();
-    if (poses.empty() || !published.components().contains(component)) return error;
+    const std::shared_ptr<const map::Snapshot> published = map.Published()->snapshot();
+    if (poses.empty() || !published->components().contains(component)) return error;
     return AfterError(error, {options.trajectory, options.keyframes, options.picture},
-                      WriteMapOutputs(options, published, component, poses));
+                      WriteMapOutputs(options, *published, component, poses));
   });
 }
 
