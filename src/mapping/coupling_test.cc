@@ -140,13 +140,13 @@ TEST(KeyframeTrajectory, FillsGapsByScaledDirectMotion) {
   frame.keyframe = 1;
   frame.time_ns = FromSeconds(1.5);
   frame.keyframe_from_camera = SE3(Quaterniond::Identity(), Vector3d(1.0, 0, 0));
-  const auto pose = FramePose(resolved, frame);
+  const auto pose = PoseOfFrame(resolved, frame);
   ASSERT_TRUE(pose);
   EXPECT_LT((pose->translation() - Vector3d(1.5, 0.075, 0)).norm(), 1e-9);
   frame.keyframe = 5;
-  EXPECT_FALSE(FramePose(resolved, frame));
+  EXPECT_FALSE(PoseOfFrame(resolved, frame));
   frame.keyframe = -1;
-  EXPECT_FALSE(FramePose(resolved, frame));
+  EXPECT_FALSE(PoseOfFrame(resolved, frame));
 
   // A packet of a keyframe that was still active: its pose is another one at the end, and the frames hang on that.
   trajectory.ReviseDirectPoses({{2, SE3(Quaterniond::Identity(), Vector3d(4.4, 0, 0))}});
@@ -156,7 +156,7 @@ TEST(KeyframeTrajectory, FillsGapsByScaledDirectMotion) {
   frame.keyframe = 1;
   frame.time_ns = FromSeconds(2.0) - 1;
   frame.keyframe_from_camera = SE3(Quaterniond::Identity(), Vector3d(2.4, 0, 0));
-  const auto at_end = FramePose(revised, frame);
+  const auto at_end = PoseOfFrame(revised, frame);
   ASSERT_TRUE(at_end);
   EXPECT_LT((at_end->translation() - revised[2].map_from_camera.translation()).norm(), 1e-6);
 
