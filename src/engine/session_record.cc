@@ -23,9 +23,9 @@ std::string Describe(const Camera& camera) {
 }
 
 std::string InFull(const Camera& camera) {
-  std::string text = absl::StrFormat("%s %dx%d, fx %g fy %g cx %g cy %g", CameraModelName(camera.model),
-                                     camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px,
-                                     camera.cy_px);
+  std::string text =
+      absl::StrFormat("%s %dx%d, fx %g fy %g cx %g cy %g", CameraModelName(camera.model), camera.width_px,
+                      camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px);
   for (const double coefficient : camera.distortion) absl::StrAppendFormat(&text, " %g", coefficient);
   return text;
 }
@@ -36,16 +36,16 @@ absl::StatusOr<CameraId> FindOrAddCamera(const std::string& name, const Camera& 
                                          map::Edit* edit) {
   const auto& cameras = edit->base().cameras();
   for (const auto& [id, known] : cameras) {
-    if (SameCalibration(known.model, camera)) return id;
+    if (map::SameCalibration(known.model, camera)) return id;
   }
   const auto has_name = [&](const std::string& wanted) {
     return std::ranges::any_of(cameras, [&](const auto& entry) { return entry.second.name == wanted; });
   };
   if (!name.empty() && has_name(name)) {
     const auto other = std::ranges::find_if(cameras, [&](const auto& entry) { return entry.second.name == name; });
-    return absl::InvalidArgumentError(
-        absl::StrCat("the camera ", name, " of the map is calibrated otherwise: there ", InFull(other->second.model),
-                     "; here ", InFull(camera), ". Use the calibration of the map, or another name if it is another camera"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "the camera ", name, " of the map is calibrated otherwise: there ", InFull(other->second.model), "; here ",
+        InFull(camera), ". Use the calibration of the map, or another name if it is another camera"));
   }
   map::MapCamera added;
   added.name = name.empty() ? Describe(camera) : name;
@@ -68,8 +68,7 @@ absl::StatusOr<map::Session> BeginSession(const SessionSource& source, const Pin
   session.first_ns = source.first_ns;
   session.last_ns = source.first_ns;
   session.started_unix_ns = wall_clock ? UnixNowNs() : 0;
-  session.policy =
-      edit.base().keyframes().empty() ? map::SessionPolicy::kCreate : map::SessionPolicy::kExtend;
+  session.policy = edit.base().keyframes().empty() ? map::SessionPolicy::kCreate : map::SessionPolicy::kExtend;
   session.id = edit.AddSession(session);
   edit.SetSession(session.id);
   CAIRN_RETURN_IF_ERROR(head.Commit(edit.Finish(absl::StrCat("begin session ", session.id.value())), {}));

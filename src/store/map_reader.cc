@@ -71,8 +71,8 @@ absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords(Database* database) {
   constexpr std::size_t kNumWordsAt = 24;
   CAIRN_ASSIGN_OR_RETURN(Statement rows, database->Prepare("SELECT substr(bytes, 1, 28) FROM vocabulary"));
   const absl::StatusOr<bool> found = rows.Step();
-  if (!found.ok()) return IsDamaged(found.status()) ? std::optional<std::uint32_t>() : found.status();
-  if (!*found) return std::optional<std::uint32_t>();
+  if (!found.ok() && !IsDamaged(found.status())) return found.status();
+  if (!found.ok() || !*found) return std::optional<std::uint32_t>();
   const Bytes start = rows.Blob(0);
   std::uint32_t num_words = 0;
   if (start.size() < kNumWordsAt + sizeof(num_words) || std::memcmp(start.data(), kMagic.data(), kMagic.size()) != 0) {
