@@ -9,6 +9,8 @@ if(CAIRN_SANITIZE)
   target_link_options(cairn_options INTERFACE -fsanitize=${CAIRN_SANITIZE})
 endif()
 
+include(${CMAKE_CURRENT_LIST_DIR}/PrecompiledHeaders.cmake)
+
 # cairn_module(NAME DEPENDS cairn::other library ... [PRIVATE_DEPENDS ...] [TEST_DEPENDS ...])
 # Sources: every *.cc here but *_test.cc (one gtest binary, label unit) and *_benchmark.cc (one benchmark binary).
 # Files named *_avx2.cc and *_avx512.cc are compiled for those instruction sets; only they are.
@@ -31,6 +33,9 @@ function(cairn_module name)
       set_source_files_properties(${source} PROPERTIES COMPILE_OPTIONS
         "-mavx512f;-mavx512bw;-mavx512dq;-mavx512vl;-mfma;-Wno-maybe-uninitialized;-Wno-uninitialized")
     endif()
+    if(source MATCHES "_avx(2|512)\\.cc$")
+      set_source_files_properties(${source} PROPERTIES SKIP_PRECOMPILE_HEADERS ON)
+    endif()
   endforeach()
 
   set(target cairn_${name})
@@ -38,6 +43,7 @@ function(cairn_module name)
     add_library(${target} STATIC ${sources})
     set(scope PUBLIC)
     target_link_libraries(${target} PRIVATE cairn_options ${ARG_PRIVATE_DEPENDS})
+    cairn_precompiled_headers(${target} cairn_library_headers)
   else()
     add_library(${target} INTERFACE)
     set(scope INTERFACE)
@@ -64,6 +70,11 @@ function(cairn_test name)
     set(ARG_TIMEOUT 300)
   endif()
   add_executable(${name} ${ARG_SOURCES})
+  cairn_precompiled_headers(${name} cairn_test_headers)
+  # Tests are compiled one by one: each has a small world of its own, often of the same name. Position independence is left
+  # to the compiler, as in cairn_test_headers.
+  set_target_properties(${name} PROPERTIES POSITION_INDEPENDENT_CODE OFF UNITY_BUILD OFF)
+  target_compile_options(${name} PRIVATE ${CAIRN_TEST_OPTIMIZATION})
   target_link_libraries(${name} PRIVATE cairn_options ${ARG_DEPENDS} GTest::gmock GTest::gtest_main)
   gtest_discover_tests(${name} TEST_PREFIX ${name}. DISCOVERY_MODE PRE_TEST
                        PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT ${ARG_TIMEOUT})

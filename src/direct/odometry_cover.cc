@@ -7,7 +7,7 @@ namespace cairn::direct {
 namespace {
 
 constexpr int kNearPx = 3;
-constexpr int kMatchReachPx = 3;
+constexpr int kCoverMatchReachPx = 3;
 
 // Whether a point is found near to where it is expected: where the pose is a little off, most points do not fit, but
 // all are near; behind an obstacle none is.
@@ -75,7 +75,7 @@ void Odometry::Impl::FindCover() {
     if (reference == nullptr) continue;
     const SE3 newest_from_reference = keyframe.camera_from_direct * KeyframePoseOf(reference->keyframe);
     cover_.AddMatches(mapping_matcher_.Match(geometry_, *reference, keyframe.data->pyramid, newest_from_reference,
-                                             CellGrid::kImage, kMatchReachPx));
+                                             CellGrid::kImage, kCoverMatchReachPx));
   }
   const double gain = ExposureRatio(keyframe.data->frame.exposure_gain, before.data->frame.exposure_gain) *
                       std::exp(keyframe.light.a - before.light.a);

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kMinKnownPoints = 40;
 constexpr double kKnownDepthSigma = 0.01;  // of a known point, relative
-constexpr double kBorderPx = 4.0;
+constexpr double kViewBorderPx = 4.0;
 
 double MedianInverseDepth(const std::vector<PacketPoint>& points) {
   std::vector<float> inverse;
@@ -120,7 +120,7 @@ bool Odometry::Impl::BuildKnownWindow(const Frame& frame, const KnownView& view)
   for (const PacketPoint& known : view.points) {
     const int x = static_cast<int>(std::lround(scale * known.x_px + offset));
     const int y = static_cast<int>(std::lround(scale * known.y_px + offset));
-    if (!camera.Contains(Vector2d(x, y), kBorderPx)) continue;
+    if (!camera.Contains(Vector2d(x, y), kViewBorderPx)) continue;
     if (!MakeImmaturePoint(pyramid, x, y, options_.gradient_constant_gray, options_.outlier_gray, &pattern)) continue;
     ActivePoint point;
     point.x = pattern.x, point.y = pattern.y, point.host = 0;

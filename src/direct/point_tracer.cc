@@ -9,8 +9,8 @@ namespace {
 constexpr int kMaxSteps = 100;
 constexpr float kSecondBestRadiusPx = 2.0f;
 constexpr float kMaxErrorPx = 10.0f;
-constexpr float kBorderPx = 4.0f;
-constexpr float kReachPx = kBorderPx - 0.5f;  // of the turned and scaled pattern
+constexpr float kTraceBorderPx = 4.0f;
+constexpr float kReachPx = kTraceBorderPx - 0.5f;  // of the turned and scaled pattern
 
 struct Segment {
   float x, y;    // of the smallest inverse depth
@@ -20,8 +20,8 @@ struct Segment {
 };
 
 bool Inside(const ImagePyramid& image, float x, float y) {
-  return x > kBorderPx && y > kBorderPx && x < static_cast<float>(image.Width(0)) - kBorderPx - 1.0f &&
-         y < static_cast<float>(image.Height(0)) - kBorderPx - 1.0f;
+  return x > kTraceBorderPx && y > kTraceBorderPx && x < static_cast<float>(image.Width(0)) - kTraceBorderPx - 1.0f &&
+         y < static_cast<float>(image.Height(0)) - kTraceBorderPx - 1.0f;
 }
 
 // The part of the epipolar line to search; a status other than kGood ends the trace.
@@ -156,7 +156,7 @@ TraceStatus TracePoint(const ImagePyramid& image, const PairProjection& pair, co
   line.image = image.Level(0);
   line.width = image.Width(0), line.height = image.Height(0);
   line.pattern = &pattern;
-  line.border = kBorderPx;
+  line.border = kTraceBorderPx;
   line.huber = static_cast<float>(options.huber_gray);
   line.x = segment.x, line.y = segment.y, line.dx = segment.dx, line.dy = segment.dy;
 

@@ -12,7 +12,7 @@ namespace {
 
 // libpng reports errors by longjmp, over frames that must have nothing to destroy: what the functions that call
 // setjmp() work on belongs to their callers.
-struct Reading {
+struct PngReading {
   absl::string_view rest;
   png_structp png = nullptr;
   png_infop info = nullptr;
@@ -20,21 +20,21 @@ struct Reading {
   bool deep = false;
   std::vector<png_bytep> rows;
 
-  ~Reading() { png_destroy_read_struct(&png, &info, nullptr); }
+  ~PngReading() { png_destroy_read_struct(&png, &info, nullptr); }
 };
 
 void Silent(png_structp, png_const_charp) {}
 [[noreturn]] void Escape(png_structp png, png_const_charp) { png_longjmp(png, 1); }
 
 void Take(png_structp png, png_bytep to, std::size_t size) {
-  auto* reading = static_cast<Reading*>(png_get_io_ptr(png));
+  auto* reading = static_cast<PngReading*>(png_get_io_ptr(png));
   if (size > reading->rest.size()) png_error(png, "truncated");
   std::memcpy(to, reading->rest.data(), size);
   reading->rest.remove_prefix(size);
 }
 
 // Up to the pixels, and how they are to come out.
-bool ReadHeader(Reading* reading) {
+bool ReadHeader(PngReading* reading) {
   png_structp png = reading->png;
   png_infop info = reading->info;
   if (setjmp(png_jmpbuf(png)) != 0) return false;
@@ -53,7 +53,7 @@ bool ReadHeader(Reading* reading) {
   return true;
 }
 
-bool ReadPixels(Reading* reading) {
+bool ReadPixels(PngReading* reading) {
   if (setjmp(png_jmpbuf(reading->png)) != 0) return false;
   png_read_image(reading->png, reading->rows.data());
   png_read_end(reading->png, nullptr);
@@ -91,7 +91,7 @@ bool Write(Writing* writing, const cv::Mat& gray, int compression) {
 }  // namespace
 
 absl::StatusOr<cv::Mat> DecodePng(absl::string_view bytes) {
-  Reading reading;
+  PngReading reading;
   reading.rest = bytes;
   reading.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, nullptr, Escape, Silent);
   if (reading.png != nullptr) reading.info = png_create_info_struct(reading.png);

@@ -5,16 +5,11 @@
 #include <set>
 #include <utility>
 
+#include "map/delta_ids.h"
 #include "map/snapshot.h"
 
 namespace cairn::map {
 namespace {
-
-CameraId IdOf(const MapCamera& camera) { return camera.id; }
-SessionId IdOf(const Session& session) { return session.id; }
-ComponentId IdOf(const Component& component) { return component.id; }
-KeyframeId IdOf(const std::shared_ptr<const Keyframe>& keyframe) { return keyframe->id; }
-PointId IdOf(const std::shared_ptr<const MapPoint>& point) { return point->id; }
 
 // What two changes of one table put and remove together; `known` tells what was there before both.
 template <class T, class IdType, class Known>

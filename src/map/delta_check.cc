@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "map/delta_ids.h"
+
 namespace cairn::map {
 namespace {
 
@@ -24,16 +26,6 @@ std::string Name(SessionId id) { return absl::StrCat("session ", id.value()); }
 std::string Name(ComponentId id) { return absl::StrCat("component ", id.value()); }
 
 // --- the delta by itself ---
-
-KeyframeId IdOf(KeyframeId id) { return id; }
-PointId IdOf(PointId id) { return id; }
-CameraId IdOf(CameraId id) { return id; }
-ComponentId IdOf(ComponentId id) { return id; }
-CameraId IdOf(const MapCamera& camera) { return camera.id; }
-SessionId IdOf(const Session& session) { return session.id; }
-ComponentId IdOf(const Component& component) { return component.id; }
-KeyframeId IdOf(const std::shared_ptr<const Keyframe>& keyframe) { return keyframe ? keyframe->id : KeyframeId(); }
-PointId IdOf(const std::shared_ptr<const MapPoint>& point) { return point ? point->id : PointId(); }
 
 // Ascending, so that none comes twice, and below the next free id.
 template <class Items, class IdType>

@@ -9,7 +9,7 @@
 namespace cairn::mapping {
 namespace {
 
-std::vector<PointId> PointsOf(const map::Edit& edit, std::span<const KeyframeId> keyframes) {
+std::vector<PointId> SharedPointsOf(const map::Edit& edit, std::span<const KeyframeId> keyframes) {
   std::vector<PointId> points;
   for (const KeyframeId id : keyframes) {
     for (const PointId point : edit.keyframe(id).points) {
@@ -45,7 +45,7 @@ std::vector<KeyframeId> Observers(const map::Edit& edit, std::span<const PointId
 AdjustmentProblem BuildAdjustmentProblem(const map::Edit& edit, std::span<const KeyframeId> free,
                                          const LocalAdjustmentOptions& options) {
   AdjustmentProblem built;
-  built.points = PointsOf(edit, free);
+  built.points = SharedPointsOf(edit, free);
   const std::vector<KeyframeId> fixed = Observers(edit, built.points, free, options.max_fixed_keyframes);
   built.keyframes.assign(free.begin(), free.end());
   built.keyframes.insert(built.keyframes.end(), fixed.begin(), fixed.end());

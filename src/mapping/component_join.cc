@@ -1,11 +1,11 @@
 #include "mapping/component_join.h"
 
 #include <algorithm>
-#include <numbers>
 #include <optional>
 #include <unordered_set>
 #include <utility>
 
+#include "base/angles.h"
 #include "base/median.h"
 #include "mapping/local_adjustment.h"
 #include "mapping/loop_correction.h"
@@ -13,8 +13,6 @@
 
 namespace cairn::mapping {
 namespace {
-
-constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 
 // The similarity from the component of the current keyframe to that of the other one.
 Sim3 OtherFromOwn(const map::Snapshot& map, const Loop& overlap) {

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
 
+#include "base/angles.h"
 #include "base/median.h"
 #include "mapping/grid_cache.h"
 #include "optimization/sim3_refinement.h"
@@ -18,9 +18,8 @@ namespace {
 
 using optimization::Sim3Match;
 
-constexpr int kCells = 8;
+constexpr int kSpreadCells = 8;
 constexpr double kSampleTolerance = 9.0;  // of chi-square: three times the distance
-constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 
 // The features of a keyframe that observe a point.
 struct WithPoints {
@@ -219,9 +218,9 @@ class Verifier {
     std::unordered_set<int> cells;
     for (const LoopMatch& match : matches) {
       const Vector2d pixel = Pixel(current_, match.feature);
-      const int x = std::clamp(static_cast<int>(pixel.x() * kCells / pinhole.width_px), 0, kCells - 1);
-      const int y = std::clamp(static_cast<int>(pixel.y() * kCells / pinhole.height_px), 0, kCells - 1);
-      cells.insert(y * kCells + x);
+      const int x = std::clamp(static_cast<int>(pixel.x() * kSpreadCells / pinhole.width_px), 0, kSpreadCells - 1);
+      const int y = std::clamp(static_cast<int>(pixel.y() * kSpreadCells / pinhole.height_px), 0, kSpreadCells - 1);
+      cells.insert(y * kSpreadCells + x);
     }
     return static_cast<int>(cells.size());
   }

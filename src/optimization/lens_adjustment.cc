@@ -15,7 +15,9 @@
 namespace cairn::optimization {
 namespace {
 
-absl::Status Invalid(const std::string& what) { return absl::InvalidArgumentError("lens adjustment: " + what); }
+absl::Status InvalidLensProblem(const std::string& what) {
+  return absl::InvalidArgumentError("lens adjustment: " + what);
+}
 
 class LensAdjuster {
  public:
@@ -136,9 +138,10 @@ class LensAdjuster {
 }  // namespace
 
 absl::Status LensAdjustmentOptions::Validate() const {
-  if (max_iterations < 1) return Invalid("max_iterations must be at least 1");
-  if (!(function_tolerance > 0.0)) return Invalid("function_tolerance must be positive");
-  if (!(log_focal_sigma > 0.0 && k1_sigma > 0.0 && k2_sigma > 0.0)) return Invalid("the sigmas must be positive");
+  if (max_iterations < 1) return InvalidLensProblem("max_iterations must be at least 1");
+  if (!(function_tolerance > 0.0)) return InvalidLensProblem("function_tolerance must be positive");
+  if (!(log_focal_sigma > 0.0 && k1_sigma > 0.0 && k2_sigma > 0.0))
+    return InvalidLensProblem("the sigmas must be positive");
   return absl::OkStatus();
 }
 
@@ -146,8 +149,9 @@ absl::StatusOr<LensResult> AdjustLens(const BundleProblem& problem, std::uint32_
                                       std::span<const std::uint8_t> used, const LensAdjustmentOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   CAIRN_RETURN_IF_ERROR(CheckProblem(problem));
-  if (camera >= problem.cameras.size()) return Invalid("the camera does not exist");
-  if (used.size() != problem.observations.size()) return Invalid("`used` must have an entry per observation");
+  if (camera >= problem.cameras.size()) return InvalidLensProblem("the camera does not exist");
+  if (used.size() != problem.observations.size())
+    return InvalidLensProblem("`used` must have an entry per observation");
   return LensAdjuster(problem, camera, used, options).Run();
 }
 

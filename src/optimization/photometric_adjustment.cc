@@ -14,7 +14,7 @@ namespace {
 constexpr int kModelUnknowns = kPhotometricUnknowns;
 constexpr int kMinPoints = 50;
 constexpr double kMinVignette = 0.05;
-constexpr double kMaxDamping = 1e8;
+constexpr double kMaxPhotometricDamping = 1e8;
 
 struct State {
   PhotometricModel model;
@@ -350,7 +350,7 @@ absl::StatusOr<PhotometricAdjustmentResult> AdjustPhotometry(const std::vector<P
   Problem problem(std::move(usable), frames, points, known, options);
   PhotometricAdjustmentResult result;
   double cost = problem.Cost(state), damping = 1e-3;
-  for (; result.iterations < options.max_iterations && damping < kMaxDamping; ++result.iterations) {
+  for (; result.iterations < options.max_iterations && damping < kMaxPhotometricDamping; ++result.iterations) {
     problem.Linearize(state, damping);
     State next;
     const double next_cost = problem.Step(damping, state, &next) ? problem.Cost(next) : 1e300;

@@ -14,7 +14,7 @@
 namespace cairn::optimization {
 namespace {
 
-absl::Status Invalid(const std::string& what) { return absl::InvalidArgumentError("pose graph: " + what); }
+absl::Status InvalidPoseGraph(const std::string& what) { return absl::InvalidArgumentError("pose graph: " + what); }
 
 bool IsFinite(const Sim3& similarity) {
   return similarity.rotation().coeffs().allFinite() && similarity.translation().allFinite() &&
@@ -43,15 +43,16 @@ absl::Status CheckAnchored(const PoseGraphProblem& problem) {
 
 absl::Status Check(const PoseGraphProblem& problem) {
   for (std::size_t i = 0; i < problem.nodes.size(); ++i) {
-    if (!IsFinite(problem.nodes[i].camera_from_map)) return Invalid(absl::StrCat("node ", i, " is not finite"));
+    if (!IsFinite(problem.nodes[i].camera_from_map))
+      return InvalidPoseGraph(absl::StrCat("node ", i, " is not finite"));
   }
   for (std::size_t i = 0; i < problem.edges.size(); ++i) {
     const PoseGraphEdge& edge = problem.edges[i];
     if (edge.a >= problem.nodes.size() || edge.b >= problem.nodes.size() || edge.a == edge.b) {
-      return Invalid(absl::StrCat("edge ", i, " refers to a node that does not exist, or to one node twice"));
+      return InvalidPoseGraph(absl::StrCat("edge ", i, " refers to a node that does not exist, or to one node twice"));
     }
     if (!IsFinite(edge.b_from_a) || !(edge.weight > 0.0) || !std::isfinite(edge.weight)) {
-      return Invalid(absl::StrCat("edge ", i, " is not finite or its weight is not positive"));
+      return InvalidPoseGraph(absl::StrCat("edge ", i, " is not finite or its weight is not positive"));
     }
   }
   return CheckAnchored(problem);
@@ -60,10 +61,10 @@ absl::Status Check(const PoseGraphProblem& problem) {
 }  // namespace
 
 absl::Status PoseGraphOptions::Validate() const {
-  if (max_iterations < 1) return Invalid("max_iterations must be at least 1");
+  if (max_iterations < 1) return InvalidPoseGraph("max_iterations must be at least 1");
   if (!(translation_unit > 0.0) || !std::isfinite(translation_unit))
-    return Invalid("translation_unit must be positive");
-  if (!(function_tolerance > 0.0)) return Invalid("function_tolerance must be positive");
+    return InvalidPoseGraph("translation_unit must be positive");
+  if (!(function_tolerance > 0.0)) return InvalidPoseGraph("function_tolerance must be positive");
   return absl::OkStatus();
 }
 

@@ -13,7 +13,7 @@
 namespace cairn::optimization {
 namespace {
 
-absl::Status Invalid(const std::string& what) { return absl::InvalidArgumentError("sim3: " + what); }
+absl::Status InvalidSim3(const std::string& what) { return absl::InvalidArgumentError("sim3: " + what); }
 
 absl::Status Check(std::span<const Sim3Match> matches) {
   for (std::size_t i = 0; i < matches.size(); ++i) {
@@ -22,7 +22,7 @@ absl::Status Check(std::span<const Sim3Match> matches) {
     const bool b = !m.has_pixel_b || (m.pixel_b.allFinite() && m.sigma_b_px > 0.0 && std::isfinite(m.sigma_b_px));
     if (!a || !b || !m.point_b.allFinite() || !m.pixel_a.allFinite() || !(m.sigma_a_px > 0.0) ||
         !std::isfinite(m.sigma_a_px)) {
-      return Invalid(absl::StrCat("match ", i, " is not finite or a sigma is not positive"));
+      return InvalidSim3(absl::StrCat("match ", i, " is not finite or a sigma is not positive"));
     }
   }
   return absl::OkStatus();
@@ -37,7 +37,7 @@ double LogDistance(const Sim3& a_from_b, const Sim3Match& match) {
   return std::log((a_from_b * match.point_b).norm() / match.point_a.norm());
 }
 
-struct NormalEquations {
+struct Sim3Equations {
   Matrix7d hessian = Matrix7d::Zero();
   Vector7d gradient = Vector7d::Zero();
   double cost = 0.0;
@@ -110,17 +110,17 @@ class Refiner {
 
   template <int kRows>
   static void Add(const Eigen::Matrix<double, kRows, 7>& j, const Eigen::Matrix<double, kRows, 1>& r,
-                  const HuberLoss& loss, NormalEquations* equations) {
+                  const HuberLoss& loss, Sim3Equations* equations) {
     const double weight = loss.Weight(r.squaredNorm());
     equations->hessian += weight * j.transpose() * j;
     equations->gradient += weight * j.transpose() * r;
     equations->cost += loss.Value(r.squaredNorm());
   }
 
-  NormalEquations Linearize(const Sim3& a_from_b, std::span<const std::uint8_t> inlier) const {
+  Sim3Equations Linearize(const Sim3& a_from_b, std::span<const std::uint8_t> inlier) const {
     const HuberLoss loss{options_.huber_threshold};
     const Sim3 b_from_a = a_from_b.Inverse();
-    NormalEquations equations;
+    Sim3Equations equations;
     for (std::size_t i = 0; i < matches_.size(); ++i) {
       if (!inlier[i]) continue;
       const Sim3Match& m = matches_[i];
@@ -141,7 +141,7 @@ class Refiner {
   void Minimize(Sim3Estimate* estimate) const {
     double damping = 1e-6;
     for (int iteration = 0; iteration < options_.iterations_per_round; ++iteration) {
-      const NormalEquations equations = Linearize(estimate->a_from_b, estimate->inlier);
+      const Sim3Equations equations = Linearize(estimate->a_from_b, estimate->inlier);
       bool stepped = false, converged = false;
       for (int attempt = 0; attempt < 6 && !stepped; ++attempt) {
         Matrix7d damped = equations.hessian;
@@ -204,20 +204,20 @@ Sim3ChiSquares ChiSquaresOf(const Pinhole& pinhole_a, const Pinhole& pinhole_b, 
 }
 
 absl::Status Sim3RansacOptions::Validate() const {
-  if (max_samples < 1) return Invalid("max_samples must be at least 1");
-  if (!(confidence > 0.0 && confidence < 1.0)) return Invalid("confidence must be between 0 and 1");
-  if (!(chi2_threshold > 0.0)) return Invalid("chi2_threshold must be positive");
-  if (min_inliers < 3) return Invalid("min_inliers must be at least 3");
+  if (max_samples < 1) return InvalidSim3("max_samples must be at least 1");
+  if (!(confidence > 0.0 && confidence < 1.0)) return InvalidSim3("confidence must be between 0 and 1");
+  if (!(chi2_threshold > 0.0)) return InvalidSim3("chi2_threshold must be positive");
+  if (min_inliers < 3) return InvalidSim3("min_inliers must be at least 3");
   return absl::OkStatus();
 }
 
 absl::Status Sim3RefinementOptions::Validate() const {
-  if (rounds < 1) return Invalid("rounds must be at least 1");
-  if (iterations_per_round < 1) return Invalid("iterations_per_round must be at least 1");
-  if (!(chi2_threshold > 0.0)) return Invalid("chi2_threshold must be positive");
-  if (!(huber_threshold > 0.0)) return Invalid("huber_threshold must be positive");
-  if (!(min_distance_sigma > 0.0)) return Invalid("min_distance_sigma must be positive");
-  if (min_inliers < 4) return Invalid("min_inliers must be at least 4");
+  if (rounds < 1) return InvalidSim3("rounds must be at least 1");
+  if (iterations_per_round < 1) return InvalidSim3("iterations_per_round must be at least 1");
+  if (!(chi2_threshold > 0.0)) return InvalidSim3("chi2_threshold must be positive");
+  if (!(huber_threshold > 0.0)) return InvalidSim3("huber_threshold must be positive");
+  if (!(min_distance_sigma > 0.0)) return InvalidSim3("min_distance_sigma must be positive");
+  if (min_inliers < 4) return InvalidSim3("min_inliers must be at least 4");
   return absl::OkStatus();
 }
 

@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kVerb[] = "camera calibrate-photometric";
+constexpr char kCalibrateVerb[] = "camera calibrate-photometric";
 constexpr int kIntensityBins = 32, kRadiusBins = 20;
 constexpr int kEnoughInBin = 20;
 // Beyond these standard deviations, as shares of full scale, the sequence does not determine the calibration.
@@ -67,7 +67,7 @@ absl::StatusOr<Recording> Record(const CalibrateOptions& options, InterruptWatch
   const std::int64_t frames = recording.info.num_frames;
   const std::int64_t stride = std::max<std::int64_t>(1, (frames + options.max_frames - 1) / options.max_frames);
   image::PhotometricTracker tracker;
-  SkippedFrames skipped(kVerb, options.json);
+  SkippedFrames skipped(kCalibrateVerb, options.json);
   Progress progress("following points", frames, options.json);
   bool all_known = !options.ignore_exposures;
   std::int64_t read = 0;
@@ -308,7 +308,7 @@ void AddCameraCommand(CLI::App& app, Action* action) {
     *action = [=] {
       InterruptWatch interrupt;
       const absl::Status status = Calibrate(*options, &interrupt);
-      const int code = status.ok() ? static_cast<int>(kOk) : Fail(kVerb, status, options->json);
+      const int code = status.ok() ? static_cast<int>(kOk) : Fail(kCalibrateVerb, status, options->json);
       return interrupt.exit_code() != 0 ? interrupt.exit_code() : code;
     };
   });

@@ -6,6 +6,7 @@
 #include <iostream>
 #include <limits>
 
+#include "base/angles.h"
 #include "cli/cli.h"
 #include "cli/pictures.h"
 #include "eval/ate.h"
@@ -16,8 +17,6 @@
 
 namespace cairn::cli {
 namespace {
-
-constexpr double kDegPerRad = 57.29577951308232;
 
 struct EvalOptions {
   std::string estimate;

@@ -9,7 +9,7 @@
 namespace cairn::plot {
 namespace {
 
-constexpr double kLeft = 66.0, kRight = 24.0, kTop = 62.0, kBottom = 44.0;
+constexpr double kMapLeft = 66.0, kMapRight = 24.0, kMapTop = 62.0, kMapBottom = 44.0;
 
 // The mean of the cameras' own "up" (-y). Of cameras that look every way round the horizon this is against gravity.
 Vector3d MeanUp(std::span<const PlottedKeyframe> keyframes) {
@@ -145,13 +145,13 @@ absl::Status WriteMapFigure(const MapFigure& figure, const std::string& path, co
   CAIRN_RETURN_IF_ERROR(options.Validate());
   CAIRN_RETURN_IF_ERROR(CheckMap(figure));
   const View2d view = MakeView(figure);
-  const double inner = options.width_pt - kLeft - kRight;
+  const double inner = options.width_pt - kMapLeft - kMapRight;
   const double aspect = view.y.size() / std::max(view.x.size(), 1e-9);
-  const Rect area{kLeft, kTop, inner, std::clamp(inner * aspect * 1.02, 220.0, 1.1 * inner)};
+  const Rect area{kMapLeft, kMapTop, inner, std::clamp(inner * aspect * 1.02, 220.0, 1.1 * inner)};
   CAIRN_ASSIGN_OR_RETURN(Canvas canvas,
-                         Canvas::Create(path, options.width_pt, area.bottom() + kBottom, options.pixel_scale));
-  canvas.Text({kLeft, 24.0}, figure.title, {.size_pt = 14.0, .bold = true});
-  canvas.Text({kLeft, 46.0},
+                         Canvas::Create(path, options.width_pt, area.bottom() + kMapBottom, options.pixel_scale));
+  canvas.Text({kMapLeft, 24.0}, figure.title, {.size_pt = 14.0, .bold = true});
+  canvas.Text({kMapLeft, 46.0},
               absl::StrFormat("%d keyframes, %d points", figure.keyframes.size(), figure.points_m.size()));
   DrawLegend(canvas, {area.right(), 46.0}, MakeLegend(figure));
   const Axes axes(area, view.x, view.y, true);
