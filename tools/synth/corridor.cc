@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 
 #include "base/random.h"
 #include "synth/world_builder.h"
@@ -9,7 +8,6 @@
 namespace cairn::synth {
 namespace {
 
-constexpr double kHalfTurn = std::numbers::pi;
 constexpr double kSoftBeyond_m = 1.2;  // of the wall at the end of a soft side, past its corridor
 
 // How many of a wall's panels, the last ones, have nothing but stripes on a corridor with a soft side: all of that

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <vector>
 
 #include "synth/world_builder.h"
@@ -10,7 +9,6 @@
 namespace cairn::synth {
 namespace {
 
-constexpr double kHalfTurn = std::numbers::pi;
 constexpr double kStretch_m = 2.6;    // of wall that is furnished, or blank, as a whole; about
 constexpr double kDoorWidth_m = 1.4;  // of the openings between rooms and passage
 constexpr double kDoorHeight_m = 2.15;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <numbers>
 #include <vector>
 
 #include "base/random.h"
@@ -17,6 +18,8 @@ struct Place {
   Vector3d ToWorld(const Vector3d& local) const;
   Place At(double x, double y, double extra_yaw_rad = 0.0) const;
 };
+
+inline constexpr double kHalfTurn = std::numbers::pi;
 
 // Faces of a box to build, as bits; those never seen are left out.
 enum Face : unsigned {
