@@ -262,7 +262,7 @@ class CommandLine(unittest.TestCase):
             for answer in [answers, *(image for image in answers['images'] if image['localized'])]:
                 self.assertEqual((answer['frame'], answer['unit']), (frame, unit))
         self.assertEqual((self.report['frame'], self.report['unit']), ('map', 'map units'))
-        self.assertEqual(must('info', aligned)['world_from_map']['unit'], 'm')
+        self.assertEqual(must('info', aligned)['components'][0]['world_from_component']['unit'], 'm')
         for verb in ('ate', 'rpe'):
             self.assertEqual(must('eval', verb, self.frames, self.truth)['unit'], 'm')
 
