@@ -234,7 +234,8 @@ class Session::Impl : public LiveMap::Listener {
   }
 
   SessionReport Report() const {
-    const map::Snapshot& map = live_->Published()->map();
+    const std::shared_ptr<const map::Snapshot> published = live_->Published()->snapshot();
+    const map::Snapshot& map = *published;
     SessionReport report;
     report.session = session_.id;
     report.odometry = runner_->odometry().Statistics();
