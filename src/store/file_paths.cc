@@ -58,6 +58,12 @@ bool HasContent(const std::string& path) {
   return stat(path.c_str(), &info) == 0 && info.st_size > 0;
 }
 
+std::string FreePath(const std::string& path) {
+  std::string free = path;
+  for (int number = 2; access(free.c_str(), F_OK) == 0; ++number) free = absl::StrCat(path, "-", number);
+  return free;
+}
+
 absl::Status SystemFault(absl::string_view doing, int error) {
   const std::string message = absl::StrCat(doing, ": ", std::strerror(error));
   if (error == ENOSPC || error == EDQUOT || error == EFBIG) return MakeFault(Fault::kFull, message);

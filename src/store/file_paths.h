@@ -24,6 +24,8 @@ absl::StatusOr<std::string> ResolveNew(const std::string& path);
 
 std::string FolderOf(const std::string& path);
 bool HasContent(const std::string& path);
+// `path`, or if there is something already, the first of `path`-2, `path`-3, ... where there is nothing.
+std::string FreePath(const std::string& path);
 // "doing: the reason", with the fault that the error of the operating system means.
 absl::Status SystemFault(absl::string_view doing, int error);
 absl::Status SyncFolder(const std::string& folder);

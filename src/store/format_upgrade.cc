@@ -1,10 +1,9 @@
 #include "store/format_upgrade.h"
 
-#include <unistd.h>
-
 #include <memory>
 
 #include "store/delta_writer.h"
+#include "store/file_paths.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/migrations.h"
@@ -26,9 +25,7 @@ absl::StatusOr<std::vector<LoggedChange>> ReadLog(Database* database, std::int64
 }
 
 absl::StatusOr<std::string> MakeBackup(Database* database, const std::string& path, std::int64_t format) {
-  const std::string first = absl::StrCat(path, ".format", format, "-backup");
-  std::string backup = first;
-  for (int number = 2; access(backup.c_str(), F_OK) == 0; ++number) backup = absl::StrCat(first, "-", number);
+  const std::string backup = FreePath(absl::StrCat(path, ".format", format, "-backup"));
   CAIRN_RETURN_IF_ERROR(Annotate(CopyDatabase(database, backup), absl::StrCat("making the backup ", backup)));
   return backup;
 }

@@ -9,10 +9,10 @@
 #include <unistd.h>
 
 #include <csignal>
-#include <fstream>
-#include <iterator>
+#include <limits>
 #include <set>
 
+#include "store/row.h"
 #include "store/sqlite.h"
 #include "store/sqlite_map_store.h"
 #include "store/test_files.h"
@@ -162,6 +162,53 @@ TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
   expect_finding("DELETE FROM map", "map", 0);
   expect_finding("DROP TABLE points", "points", 0);
   expect_finding("DROP VIEW overview", "overview", 0);
+}
+
+// Whoever writes such files makes checksums that fit.
+TEST(MapFaults, ValuesOutOfRangeAreDamage) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  const auto expect_damage = [&](const std::string& column, std::size_t at, const std::string& bytes,
+                                 const std::string& message) {
+    MakeMap(path, 21, 3);
+    {
+      auto database = *Database::OpenFile(path, Database::Mode::kReadWrite);
+      // A vocabulary of 100000 words, as far as its head tells.
+      std::string vocabulary = "CAIRNVOC" + std::string(16, '\0');
+      const std::uint32_t num_words = 100000;
+      vocabulary.append(reinterpret_cast<const char*>(&num_words), sizeof(num_words));
+      Statement put = *database->Prepare("UPDATE vocabulary SET bytes = ?, bytes_checksum = ?");
+      put.Bind(1, AsBytes(vocabulary));
+      put.Bind(2, BlobChecksum(AsBytes(vocabulary)));
+      ASSERT_TRUE(put.Run().ok());
+      Statement get = *database->Prepare("SELECT " + column + " FROM keyframe_features WHERE keyframe = 2");
+      ASSERT_TRUE(*get.Step());
+      const Bytes blob = get.Blob(0);
+      std::string changed(reinterpret_cast<const char*>(blob.data()), blob.size());
+      get.Reset();
+      ASSERT_LE(at + bytes.size(), changed.size());
+      changed.replace(at, bytes.size(), bytes);
+      Statement update = *database->Prepare("UPDATE keyframe_features SET " + column + " = ?, " + column +
+                                            "_checksum = ? WHERE keyframe = 2");
+      update.Bind(1, AsBytes(changed));
+      update.Bind(2, BlobChecksum(AsBytes(changed)));
+      ASSERT_TRUE(update.Run().ok());
+    }
+    const absl::Status status = (*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot().status();
+    EXPECT_EQ(IsDamaged(status), !message.empty()) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(message));
+  };
+  // 60 features: x and y of 2 bytes each, angles of 4, octaves of 1.
+  constexpr std::size_t kX = 0, kAngle = 4 * 60, kOctave = 8 * 60;
+  const auto bytes_of = [](auto value) { return std::string(reinterpret_cast<const char*>(&value), sizeof(value)); };
+  expect_damage("keypoints", kOctave + 3, bytes_of(std::uint8_t{7}), "");
+  expect_damage("keypoints", kOctave + 3, bytes_of(std::uint8_t{8}), "octave");
+  expect_damage("keypoints", kOctave + 59, bytes_of(std::uint8_t{255}), "octave");
+  expect_damage("keypoints", kAngle, bytes_of(std::numeric_limits<float>::quiet_NaN()), "angle");
+  expect_damage("keypoints", kAngle + 8, bytes_of(1e30f), "angle");
+  expect_damage("keypoints", kX + 10, bytes_of(std::uint16_t{65535}), "outside");
+  expect_damage("words", 0, std::string("\x9f\x86\x01", 3), "");
+  expect_damage("words", 0, std::string("\xa0\x86\x01", 3), "vocabulary");
 }
 
 TEST(MapFaults, FlippedBytesAreFoundOrHarmless) {

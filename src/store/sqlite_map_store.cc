@@ -183,9 +183,15 @@ absl::Status SqliteMapStore::CheckInPlace() {
                                   "it is folded into the file, and open it again"));
   }
   const bool vacant = access(resolved_.c_str(), F_OK) != 0;
-  return MakeFault(Fault::kMoved, vacant ? "it was removed or moved away while it was written"
-                                         : "another file was put in its place while it was written");
+  const std::string what = vacant ? "it was removed or moved away while it was written"
+                                  : "another file was put in its place while it was written";
+  const auto now_at = identity_.CurrentPath();
+  return MakeFault(Fault::kMoved,
+                   now_at ? absl::StrCat(what, "; the map is in ", *now_at)
+                          : absl::StrCat(what, "; what it holds is saved as ", RescuedPath(), " when it is closed"));
 }
+
+std::string SqliteMapStore::RescuedPath() const { return FreePath(absl::StrCat(resolved_, ".rescued")); }
 
 absl::Status SqliteMapStore::Rescue(const absl::Status& moved) {
   // SQLite, too, sees that the file has moved, and leaves what lies beside its old name alone. What is there is this
@@ -193,18 +199,14 @@ absl::Status SqliteMapStore::Rescue(const absl::Status& moved) {
   const std::string log = absl::StrCat(resolved_, kLogSuffix);
   if (identity_.IsAt(resolved_)) return absl::OkStatus();  // only the log was gone, and all of it is in the file now
   if (access(resolved_.c_str(), F_OK) != 0 && log_identity_.IsAt(log)) RemoveCompanions(resolved_);
-  if (const auto now_at = identity_.CurrentPath()) {
-    return Annotate(moved, absl::StrCat("the map is complete, but in ", *now_at));
-  }
-  const std::string rescued = absl::StrCat(resolved_, ".rescued");
-  if (access(rescued.c_str(), F_OK) == 0) {
-    return Annotate(moved, absl::StrCat("the map is lost: it is not saved as ", rescued, ", which exists already"));
-  }
+  if (identity_.CurrentPath()) return moved;  // which says where the map is, complete by now
+  const std::string rescued = RescuedPath();
   const absl::Status saved = CopyDatabase(database_.get(), rescued);
   if (!saved.ok()) {
     return Annotate(moved, absl::StrCat("the map is lost: saving it as ", rescued, " failed: ", saved.message()));
   }
-  return Annotate(moved, absl::StrCat("the map was saved as ", rescued));
+  return MakeFault(Fault::kMoved,
+                   absl::StrCat("it was removed or replaced while it was written; the map was saved as ", rescued));
 }
 
 absl::Status SqliteMapStore::Annotated(const absl::Status& status) const {

@@ -69,6 +69,7 @@ class SqliteMapStore : public MapStore {
   bool HasOwnContent();
   // What Close() says, and does, if they are not; the log is folded already.
   absl::Status Rescue(const absl::Status& moved);
+  std::string RescuedPath() const;
   absl::Status CloseWriting();
   void NoteLeftovers();
 
