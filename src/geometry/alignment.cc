@@ -9,6 +9,7 @@
 #include <limits>
 #include <numbers>
 
+#include "base/median.h"
 #include "base/random.h"
 
 namespace cairn {
@@ -130,12 +131,6 @@ std::vector<double> Residuals(const Sim3& a_from_b, std::span<const Vector3d> a,
   std::vector<double> residuals(a.size());
   for (std::size_t i = 0; i < a.size(); ++i) residuals[i] = (a[i] - a_from_b * b[i]).norm();
   return residuals;
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 struct Hypothesis {

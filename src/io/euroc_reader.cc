@@ -1,6 +1,7 @@
 // EuRoC / ASL folders (Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 2016), and TUM VI, which has the
 // same layout: mav0/camN/{sensor.yaml, data.csv, data/}.
 #include "absl/strings/str_join.h"
+#include "io/body_camera.h"
 #include "io/sequence_readers.h"
 #include "io/text_lines.h"
 #include "io/time_text.h"
@@ -46,22 +47,9 @@ absl::StatusOr<CameraModel> ModelOf(const std::string& path, const YAML::Node& r
       absl::StrCat("distortion_model `", name, "` is not one of radial-tangential, equidistant, fov, none"));
 }
 
-absl::StatusOr<std::optional<SE3>> BodyFromCamera(const std::string& path, const YAML::Node& root) {
-  const YAML::Node node = root["T_BS"];
-  if (!node || !node.IsMap() || !node["data"]) return std::optional<SE3>();
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<double> data, YamlNumbers(path, node, "data"));
-  if (data.size() != 16) return YamlError(path, node["data"], "T_BS must have 16 numbers, a 4x4 matrix");
-  const Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> m(data.data());
-  const Matrix3d rotation = m.topLeftCorner<3, 3>();
-  if ((rotation * rotation.transpose() - Matrix3d::Identity()).norm() > 1e-3 || rotation.determinant() < 0) {
-    return YamlError(path, node["data"], "the upper left 3x3 part of T_BS is not a rotation");
-  }
-  return std::optional<SE3>(SE3(rotation, m.topRightCorner<3, 1>()));
-}
-
 absl::Status ReadSensor(const std::string& path, bool with_camera, SequenceFiles& out) {
   CAIRN_ASSIGN_OR_RETURN(const YAML::Node root, LoadYamlMap(path));
-  CAIRN_ASSIGN_OR_RETURN(out.body_from_camera, BodyFromCamera(path, root));
+  CAIRN_ASSIGN_OR_RETURN(out.body_from_camera, FindBodyFromCamera(path));
   if (root["rate_hz"]) {
     CAIRN_ASSIGN_OR_RETURN(out.rate_hz, YamlNumber(path, root, "rate_hz"));
   }

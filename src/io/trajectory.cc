@@ -86,16 +86,19 @@ absl::StatusOr<Trajectory> ReadTumTrajectory(const std::string& path) {
 }
 
 absl::StatusOr<Trajectory> ReadEurocTrajectory(const std::string& path) {
-  return ReadRows(path, 8, "ns, x, y, z, qw, qx, qy, qz",
-                  [](const Fields& fields, std::int64_t, StampedPose& pose) -> absl::StatusOr<bool> {
-                    std::array<double, 7> n;
-                    CAIRN_ASSIGN_OR_RETURN(pose.time_ns, ParseNanoseconds(fields[0]));
-                    CAIRN_RETURN_IF_ERROR(ReadNumbers(fields, 1, 7, n.data()));
-                    if (AnyNan(n.data(), 7)) return false;
-                    CAIRN_ASSIGN_OR_RETURN(pose.world_from_camera,
-                                           PoseFrom({n[0], n[1], n[2]}, Quaterniond(n[3], n[4], n[5], n[6])));
-                    return true;
-                  });
+  absl::StatusOr<Trajectory> out =
+      ReadRows(path, 8, "ns, x, y, z, qw, qx, qy, qz",
+               [](const Fields& fields, std::int64_t, StampedPose& pose) -> absl::StatusOr<bool> {
+                 std::array<double, 7> n;
+                 CAIRN_ASSIGN_OR_RETURN(pose.time_ns, ParseNanoseconds(fields[0]));
+                 CAIRN_RETURN_IF_ERROR(ReadNumbers(fields, 1, 7, n.data()));
+                 if (AnyNan(n.data(), 7)) return false;
+                 CAIRN_ASSIGN_OR_RETURN(pose.world_from_camera,
+                                        PoseFrom({n[0], n[1], n[2]}, Quaterniond(n[3], n[4], n[5], n[6])));
+                 return true;
+               });
+  if (out.ok()) out->format = TrajectoryFormat::kEuroc;
+  return out;
 }
 
 absl::StatusOr<Trajectory> ReadKittiTrajectory(const std::string& path, const std::string& times_path) {
@@ -121,6 +124,7 @@ absl::StatusOr<Trajectory> ReadKittiTrajectory(const std::string& path, const st
         pose.world_from_camera = SE3(rotation, m.col(3));
         return true;
       });
+  if (out.ok()) out->format = TrajectoryFormat::kKitti;
   return out;
 }
 

@@ -17,12 +17,15 @@ struct StampedPose {
   SE3 world_from_camera;
 };
 
+enum class TrajectoryFormat : std::uint8_t { kTum, kEuroc, kKitti };
+
 // What a file holds: poses in the order of the file, which need not be that of time. Rows that hold NaN (no ground
 // truth at that time) carry no pose but are counted, because protocols split files by row.
 struct Trajectory {
   std::vector<StampedPose> poses;
   std::vector<std::int64_t> rows;  // of each pose: its place among all data rows, from 0
   std::int64_t num_rows = 0;       // with and without a pose
+  TrajectoryFormat format = TrajectoryFormat::kTum;
 
   std::int64_t num_nan_rows() const { return num_rows - static_cast<std::int64_t>(poses.size()); }
 };

@@ -1,5 +1,6 @@
 // cairn eval ate|rpe|loop|localization: trajectories and answers against ground truth.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -12,6 +13,7 @@
 #include "eval/ate.h"
 #include "eval/localization.h"
 #include "eval/loop.h"
+#include "eval/reference.h"
 #include "eval/rpe.h"
 #include "io/trajectory.h"
 
@@ -28,6 +30,7 @@ struct EvalOptions {
   eval::RpeOptions rpe;
   eval::LoopOptions loop;
   eval::LocalizationOptions localization;
+  eval::ReferenceOptions reference;
   bool rigid = false;
   bool no_align = false;
   bool overwrite = false;
@@ -102,32 +105,61 @@ nlohmann::ordered_json ToJson(const eval::Statistics& s, double unit = 1.0) {
           {"std", s.std_dev * unit}, {"min", s.min * unit},   {"max", s.max * unit}};
 }
 
+// What was done to the reference and what its orientations are, so that nobody takes a body's poses for a camera's.
+nlohmann::ordered_json ToJson(const eval::Reference& reference, const OrientationAgreement& orientations) {
+  nlohmann::ordered_json json = {{"sensor", nullptr}, {"orientations", eval::NameOf(orientations.kind)}};
+  if (reference.body_from_camera) json["sensor"] = reference.sensor;
+  if (orientations.kind == OrientationKind::kBody) {
+    json["body_turned_deg"] = AngleRad(orientations.camera_from_body) * kDegPerRad;
+  }
+  return json;
+}
+
+void PrintNotes(const eval::Reference& reference, const OrientationAgreement& orientations) {
+  for (const std::string& note : {eval::Describe(reference), eval::Describe(orientations)}) {
+    if (!note.empty()) std::printf("  %s\n", note.c_str());
+  }
+}
+
+// Null where orientations mean nothing.
+nlohmann::ordered_json RotationJson(const eval::Statistics& rotation_rad) {
+  if (rotation_rad.count == 0) return nullptr;
+  return ToJson(rotation_rad, kDegPerRad);
+}
+
+std::string RotationText(const eval::Statistics& rotation_rad, double value_rad, const char* format) {
+  if (rotation_rad.count == 0) return "not known";
+  std::array<char, 64> text{};
+  std::snprintf(text.data(), text.size(), format, value_rad * kDegPerRad);
+  return text.data();
+}
+
 int RunAte(EvalOptions options) {
   constexpr const char* kVerb = "eval ate";
   options.ate.with_scale = !options.rigid;
   options.ate.align = !options.no_align;
   absl::Status writable = CheckWritable(options.plot, options.overwrite);
-  writable.Update(CheckDistinct({options.plot}, {options.estimate, options.groundtruth}));
+  writable.Update(CheckDistinct({options.plot}, {options.estimate, options.groundtruth, options.reference.sensor}));
   writable.Update(CheckPicture(options.plot));
   if (!writable.ok()) return Fail(kVerb, writable, options.json);
-  const auto truth = io::ReadTrajectory(options.groundtruth);
-  if (!truth.ok()) return Fail(kVerb, truth.status(), options.json);
+  const auto reference = eval::LoadReference(options.groundtruth, options.reference);
+  if (!reference.ok()) return Fail(kVerb, reference.status(), options.json);
+  const std::vector<io::StampedPose>& truth = reference->trajectory.poses;
   if (IsFolder(options.estimate)) {
     constexpr double kFailedRun_m = 10.0;
-    return EvaluateRuns(options, kVerb, "ate_m", kFailedRun_m,
-                        [&](const io::Trajectory& estimate) -> absl::StatusOr<double> {
-                          CAIRN_ASSIGN_OR_RETURN(const eval::AteResult run,
-                                                 eval::EvaluateAte(estimate.poses, truth->poses, options.ate));
-                          return run.position_m.rmse;
-                        });
+    return EvaluateRuns(
+        options, kVerb, "ate_m", kFailedRun_m, [&](const io::Trajectory& estimate) -> absl::StatusOr<double> {
+          CAIRN_ASSIGN_OR_RETURN(const eval::AteResult run, eval::EvaluateAte(estimate.poses, truth, options.ate));
+          return run.position_m.rmse;
+        });
   }
   const auto estimate = io::ReadTrajectory(options.estimate);
   if (!estimate.ok()) return Fail(kVerb, estimate.status(), options.json);
-  const auto result = eval::EvaluateAte(estimate->poses, truth->poses, options.ate);
+  const auto result = eval::EvaluateAte(estimate->poses, truth, options.ate);
   if (!result.ok()) return Fail(kVerb, result.status(), options.json);
   if (!options.plot.empty()) {
     const std::string title = std::filesystem::path(options.estimate).filename().string();
-    if (absl::Status status = DrawAte(*result, truth->poses, title, options.plot); !status.ok())
+    if (absl::Status status = DrawAte(*result, truth, title, options.plot); !status.ok())
       return Fail(kVerb, status, options.json);
   }
   if (options.json) {
@@ -135,18 +167,21 @@ int RunAte(EvalOptions options) {
                {"unit", "m"},
                {"ate_m", result->position_m.rmse},
                {"position_m", ToJson(result->position_m)},
-               {"rotation_deg", ToJson(result->rotation_rad, kDegPerRad)},
+               {"rotation_deg", RotationJson(result->rotation_rad)},
                {"scale", result->groundtruth_from_estimate.scale()},
                {"poses", result->estimated},
                {"associated", result->position_m.count},
-               {"path_m", result->path_length_m}});
+               {"path_m", result->path_length_m},
+               {"reference", ToJson(*reference, result->orientations)}});
     return kOk;
   }
   std::printf("ATE %.4f m RMSE over %d poses (%d without ground truth)\n", result->position_m.rmse,
               result->position_m.count, result->estimated - result->position_m.count);
-  std::printf("  median %.4f m, max %.4f m, rotation median %.2f deg, scale %.4f, path %.2f m\n",
-              result->position_m.median, result->position_m.max, result->rotation_rad.median * kDegPerRad,
+  std::printf("  median %.4f m, max %.4f m, rotation median %s, scale %.4f, path %.2f m\n", result->position_m.median,
+              result->position_m.max,
+              RotationText(result->rotation_rad, result->rotation_rad.median, "%.2f deg").c_str(),
               result->groundtruth_from_estimate.scale(), result->path_length_m);
+  PrintNotes(*reference, result->orientations);
   if (!options.plot.empty()) std::printf("  picture: %s\n", options.plot.c_str());
   return kOk;
 }
@@ -157,27 +192,34 @@ int RunRpe(EvalOptions options) {
   options.rpe.unit = options.unit == "frames" ? eval::RpeUnit::kFrames
                      : options.unit == "s"    ? eval::RpeUnit::kSeconds
                                               : eval::RpeUnit::kMeters;
-  const auto truth = io::ReadTrajectory(options.groundtruth);
-  if (!truth.ok()) return Fail(kVerb, truth.status(), options.json);
+  const auto reference = eval::LoadReference(options.groundtruth, options.reference);
+  if (!reference.ok()) return Fail(kVerb, reference.status(), options.json);
+  const std::vector<io::StampedPose>& truth = reference->trajectory.poses;
   const auto estimate = io::ReadTrajectory(options.estimate);
   if (!estimate.ok()) return Fail(kVerb, estimate.status(), options.json);
-  const auto results = eval::EvaluateRpe(estimate->poses, truth->poses, options.rpe);
+  const auto results = eval::EvaluateRpe(estimate->poses, truth, options.rpe);
   if (!results.ok()) return Fail(kVerb, results.status(), options.json);
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
-  for (const eval::RpeResult& result : *results) {
+  for (const eval::RpeResult& result : results->per_delta) {
     list.push_back({{"delta", result.delta},
                     {"unit", options.unit},
                     {"segments", result.segments},
                     {"translation_m", ToJson(result.translation_m)},
-                    {"rotation_deg", ToJson(result.rotation_rad, kDegPerRad)},
+                    {"rotation_deg", RotationJson(result.rotation_rad)},
                     {"drift_percent", result.drift_percent}});
     if (!options.json) {
-      std::printf("over %g %s: %.4f m RMSE, %.3f deg RMSE, drift %.2f %% (%d segments)\n", result.delta,
-                  options.unit.c_str(), result.translation_m.rmse, result.rotation_rad.rmse * kDegPerRad,
+      std::printf("over %g %s: %.4f m RMSE, rotation %s, drift %.2f %% (%d segments)\n", result.delta,
+                  options.unit.c_str(), result.translation_m.rmse,
+                  RotationText(result.rotation_rad, result.rotation_rad.rmse, "%.3f deg RMSE").c_str(),
                   result.drift_percent, result.segments);
     }
   }
-  if (options.json) PrintJson({{"frame", "camera"}, {"unit", "m"}, {"rpe", list}});
+  if (options.json) {
+    PrintJson(
+        {{"frame", "camera"}, {"unit", "m"}, {"rpe", list}, {"reference", ToJson(*reference, results->orientations)}});
+  } else {
+    PrintNotes(*reference, results->orientations);
+  }
   return kOk;
 }
 
@@ -217,7 +259,7 @@ int RunLoop(const EvalOptions& options) {
 
 int RunLocalization(const EvalOptions& options) {
   constexpr const char* kVerb = "eval localization";
-  const auto reference = io::ReadTrajectory(options.groundtruth);
+  const auto reference = eval::LoadReference(options.groundtruth, options.reference);
   if (!reference.ok()) return Fail(kVerb, reference.status(), options.json);
   // A list of queries says who was asked: no pose at all is then an answer, too.
   const auto poses = io::ReadTrajectory(options.estimate, /*may_be_empty=*/!options.queries.empty());
@@ -239,29 +281,33 @@ int RunLocalization(const EvalOptions& options) {
       if (!answered) answers.push_back({time_ns, std::nullopt});
     }
   }
-  const auto result = eval::EvaluateLocalization(answers, reference->poses, only, options.localization);
+  const auto result = eval::EvaluateLocalization(answers, reference->trajectory.poses, only, options.localization);
   if (!result.ok()) return Fail(kVerb, result.status(), options.json);
   const double wrong_of_answered = result->answered > 0 ? static_cast<double>(result->wrong) / result->answered : 0.0;
   if (options.json) {
-    PrintJson({{"frame", "world"},
-               {"unit", "m"},
-               {"queries", result->queries},
-               {"answered", result->answered},
-               {"within", result->within},
-               {"wrong", result->wrong},
-               {"within_share", result->within_share},
-               {"wrong_share_of_answered", wrong_of_answered},
-               {"without_reference", result->without_reference},
-               {"error_m", ToJson(result->error_m)},
-               {"error_deg", ToJson(result->error_rad, kDegPerRad)}});
+    PrintJson(
+        {{"frame", "world"},
+         {"unit", "m"},
+         {"queries", result->queries},
+         {"answered", result->answered},
+         {"within", result->within},
+         {"wrong", result->wrong},
+         {"within_share", result->within_share},
+         {"wrong_share_of_answered", wrong_of_answered},
+         {"without_reference", result->without_reference},
+         {"error_m", ToJson(result->error_m)},
+         {"error_deg", result->answered == 0 ? ToJson(result->error_rad, kDegPerRad) : RotationJson(result->error_rad)},
+         {"reference", ToJson(*reference, result->orientations)}});
   } else {
     std::printf(
         "%d queries, %d answered; %.1f %% within %g m / %g deg; %.1f %% of the answers worse than %g m / %g deg\n",
         result->queries, result->answered, 100.0 * result->within_share, options.localization.within_m,
         options.localization.within_deg, 100.0 * wrong_of_answered, options.localization.wrong_m,
         options.localization.wrong_deg);
-    std::printf("  median error %.4f m, %.2f deg (%d answers have no reference pose)\n", result->error_m.median,
-                result->error_rad.median * kDegPerRad, result->without_reference);
+    std::printf("  median error %.4f m, %s (%d answers have no reference pose)\n", result->error_m.median,
+                RotationText(result->error_rad, result->error_rad.median, "%.2f deg").c_str(),
+                result->without_reference);
+    PrintNotes(*reference, result->orientations);
   }
   return kOk;
 }
@@ -273,6 +319,13 @@ CLI::App* AddVerb(CLI::App* parent, const char* name, const char* about, const c
   verb->add_option("GROUNDTRUTH", options->groundtruth, "TUM trajectory, EuRoC csv or KITTI poses.txt")->required();
   verb->add_flag("--json", options->json, "Answer in JSON");
   return verb;
+}
+
+void AddSensorOption(CLI::App* verb, const std::shared_ptr<EvalOptions>& options) {
+  verb->add_option(
+      "--sensor", options->reference.sensor,
+      "File with T_BS, where the camera sits on the body that the ground truth is of (EuRoC's sensor.yaml); "
+      "by default the one of cam0 beside an EuRoC csv; none: take the poses as they are");
 }
 
 }  // namespace
@@ -288,6 +341,7 @@ void AddEvalCommand(CLI::App& app, Action* action) {
       ->capture_default_str();
   ate->add_flag("--rigid", options->rigid, "Align without scale");
   ate->add_flag("--no-align", options->no_align, "Do not align: the trajectory is in the ground truth's frame already");
+  AddSensorOption(ate, options);
   ate->add_option("--plot", options->plot, "Draw both trajectories to this .png or .svg file");
   ate->add_flag("--overwrite", options->overwrite, "Replace the picture if it exists");
   ate->footer("Example:\n  cairn eval ate frames.txt groundtruth.txt --plot ate.png");
@@ -300,6 +354,7 @@ void AddEvalCommand(CLI::App& app, Action* action) {
       ->capture_default_str();
   rpe->add_option("--max-dt", options->rpe.max_dt_s, "Largest time difference to the ground truth, seconds")
       ->capture_default_str();
+  AddSensorOption(rpe, options);
   rpe->add_flag("--rigid", options->rigid, "Take the estimate's scale as it is");
   rpe->footer("Example:\n  cairn eval rpe frames.txt groundtruth.txt --delta 1 5 10");
   rpe->callback([=] { *action = [=] { return RunRpe(*options); }; });
@@ -314,6 +369,7 @@ void AddEvalCommand(CLI::App& app, Action* action) {
                                    "Poses written by `cairn localize --out`", options);
   localization->add_option("--queries", options->queries,
                            "File of query times: counts those only, and what is missing as a miss");
+  AddSensorOption(localization, options);
   localization->add_option("--within-m", options->localization.within_m, "A good answer is nearer than this")
       ->capture_default_str();
   localization->add_option("--within-deg", options->localization.within_deg, "and turned by less than this")

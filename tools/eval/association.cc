@@ -34,4 +34,14 @@ std::vector<Association> AssociateNearest(std::span<const io::StampedPose> estim
   return pairs;
 }
 
+PairedPoses PosesOf(std::span<const io::StampedPose> estimate, std::span<const io::StampedPose> groundtruth,
+                    std::span<const Association> pairs) {
+  PairedPoses poses;
+  for (const Association& pair : pairs) {
+    poses.estimate.push_back(estimate[pair.estimate].world_from_camera);
+    poses.groundtruth.push_back(groundtruth[pair.groundtruth].world_from_camera);
+  }
+  return poses;
+}
+
 }  // namespace cairn::eval

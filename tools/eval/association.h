@@ -21,4 +21,11 @@ struct Association {
 std::vector<Association> AssociateNearest(std::span<const io::StampedPose> estimate,
                                           std::span<const io::StampedPose> groundtruth, double max_dt_s);
 
+// The poses of associated pairs, as geometry/pose_alignment.h takes them.
+struct PairedPoses {
+  std::vector<SE3> estimate, groundtruth;
+};
+PairedPoses PosesOf(std::span<const io::StampedPose> estimate, std::span<const io::StampedPose> groundtruth,
+                    std::span<const Association> pairs);
+
 }  // namespace cairn::eval

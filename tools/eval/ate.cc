@@ -3,7 +3,9 @@
 #include <cmath>
 
 #include "eval/association.h"
+#include "eval/reference.h"
 #include "geometry/alignment.h"
+#include "geometry/pose_alignment.h"
 
 namespace cairn::eval {
 namespace {
@@ -19,6 +21,25 @@ double PathLength(std::span<const io::StampedPose> groundtruth, TimeNs from_ns, 
     previous = &pose;
   }
   return length_m;
+}
+
+// Angle of each pair; nothing where orientations mean nothing.
+std::vector<double> RotationErrors(const PairedPoses& poses, const AteOptions& options,
+                                   OrientationAgreement* orientations) {
+  if (options.align) {
+    const auto alignment = AlignPoses(poses.groundtruth, poses.estimate, {.with_scale = options.with_scale});
+    if (!alignment.ok()) return {};
+    *orientations = alignment->orientations;
+    return alignment->orientations_used ? alignment->rotation_error_rad : std::vector<double>();
+  }
+  *orientations = OrientationsInOneFrame(poses.groundtruth, poses.estimate);
+  std::vector<double> errors_rad;
+  if (orientations->kind == OrientationKind::kConstant) return errors_rad;
+  for (std::size_t i = 0; i < poses.estimate.size(); ++i) {
+    const Quaterniond expected = WithMount(poses.groundtruth[i], orientations->camera_from_body).rotation();
+    errors_rad.push_back(AngleRad(expected.conjugate() * poses.estimate[i].rotation()));
+  }
+  return errors_rad;
 }
 
 }  // namespace
@@ -55,16 +76,17 @@ absl::StatusOr<AteResult> EvaluateAte(std::span<const io::StampedPose> estimate,
     result.scale_sigma = alignment->scale_sigma;
   }
 
-  std::vector<double> errors_m, rotation_errors_rad;
+  const std::vector<double> rotation_errors_rad =
+      RotationErrors(PosesOf(est, gt, pairs), options, &result.orientations);
+  std::vector<double> errors_m;
   for (const Association& pair : pairs) {
     AtePose pose;
     pose.time_ns = est[pair.estimate].time_ns;
     pose.aligned = result.groundtruth_from_estimate.TransformPose(est[pair.estimate].world_from_camera);
     pose.groundtruth = gt[pair.groundtruth].world_from_camera;
     pose.error_m = (pose.groundtruth.translation() - pose.aligned.translation()).norm();
-    pose.rotation_error_rad = AngleRad(pose.groundtruth.rotation().conjugate() * pose.aligned.rotation());
+    if (!rotation_errors_rad.empty()) pose.rotation_error_rad = rotation_errors_rad[result.poses.size()];
     errors_m.push_back(pose.error_m);
-    rotation_errors_rad.push_back(pose.rotation_error_rad);
     result.poses.push_back(pose);
   }
   result.position_m = Summarize(errors_m);

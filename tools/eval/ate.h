@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "eval/statistics.h"
+#include "geometry/orientation_agreement.h"
 #include "geometry/se3.h"
 #include "io/trajectory.h"
 
@@ -28,15 +29,18 @@ struct AtePose {
   SE3 aligned;      // world_from_camera of the estimate, in the ground truth's frame
   SE3 groundtruth;  // of the associated sample
   double error_m = 0.0;
-  double rotation_error_rad = 0.0;
+  double rotation_error_rad = 0.0;  // 0 where orientations mean nothing
 };
 
 struct AteResult {
   Sim3 groundtruth_from_estimate;
   double scale_sigma = 0.0;  // standard deviation of its scale
   Statistics position_m;
-  // Angle between the aligned and the true orientation. Means nothing if the two frames are not the same body's (a
-  // camera against a body, as in EuRoC).
+  // What the orientations of the ground truth are. If they are a body's, its constant rotation against the camera is
+  // not counted as an error.
+  OrientationAgreement orientations;
+  // Angle between aligned and true orientation, where the alignment is that of positions and orientations together
+  // (geometry/pose_alignment.h): positions on a line leave a roll open. Empty where orientations mean nothing.
   Statistics rotation_rad;
   double path_length_m = 0.0;  // of the ground truth over the time of the estimate
   int estimated = 0;           // poses given, of which position_m.count have ground truth

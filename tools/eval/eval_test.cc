@@ -11,6 +11,7 @@
 #include "eval/ate.h"
 #include "eval/localization.h"
 #include "eval/loop.h"
+#include "eval/reference.h"
 #include "eval/rpe.h"
 #include "eval/statistics.h"
 
@@ -120,27 +121,90 @@ TEST(Ate, BadInput) {
   EXPECT_FALSE(EvaluateAte(still, gt).ok());
 }
 
+// Of a path on a line the roll about it is open in the positions; the orientations show it.
+TEST(Ate, RotationOfAStraightDriveIsThatOfItsOrientations) {
+  Random random(3);
+  std::vector<io::StampedPose> gt;
+  for (int i = 0; i < 60; ++i) {
+    const Vector3d at(0.001 * random.Normal(), 0.001 * random.Normal(), 0.2 * i);
+    gt.push_back({FromSeconds(0.1 * i), SE3(ExpSO3({0.002 * random.Normal(), 0.002 * random.Normal(), 0}), at)});
+  }
+  auto est = Moved(kMove, gt);
+  for (auto& p : est) p.world_from_camera.translation() += 0.01 * Vector3d(random.Normal(), random.Normal(), 0);
+  const auto result = EvaluateAte(est, gt);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->orientations.kind, OrientationKind::kCamera);
+  EXPECT_EQ(result->rotation_rad.count, 60);
+  EXPECT_LT(result->rotation_rad.max, 0.02);
+}
+
+TEST(Ate, OrientationsThatMeanNothingAreNoError) {
+  const auto gt = Path(80);
+  const auto est = Moved(kMove, gt);
+  auto identity = gt;
+  for (auto& p : identity) p.world_from_camera = SE3(Quaterniond::Identity(), p.world_from_camera.translation());
+  const auto nothing = EvaluateAte(est, identity);
+  ASSERT_TRUE(nothing.ok()) << nothing.status();
+  EXPECT_EQ(nothing->orientations.kind, OrientationKind::kConstant);
+  EXPECT_EQ(nothing->rotation_rad.count, 0);
+  EXPECT_NE(Describe(nothing->orientations).find("mean nothing"), std::string::npos);
+  EXPECT_LT(nothing->position_m.max, 1e-9);
+
+  auto body = gt;
+  const SE3 camera_from_body(ExpSO3({0.2, -1.4, 0.3}), Vector3d::Zero());
+  for (auto& p : body) p.world_from_camera = p.world_from_camera * camera_from_body;
+  const auto turned = EvaluateAte(est, body);
+  ASSERT_TRUE(turned.ok()) << turned.status();
+  EXPECT_EQ(turned->orientations.kind, OrientationKind::kBody);
+  EXPECT_LT(turned->rotation_rad.max, 1e-4);
+  EXPECT_NE(Describe(turned->orientations).find("body"), std::string::npos);
+  const auto in_place = EvaluateAte(gt, body, {.align = false});
+  ASSERT_TRUE(in_place.ok());
+  EXPECT_LT(in_place->rotation_rad.max, 1e-4);
+}
+
+TEST(Rpe, ABodysOrientationsAreTurnedToTheCameras) {
+  const auto gt = Path(80);
+  auto body = gt;
+  for (auto& p : body) p.world_from_camera = p.world_from_camera * SE3(ExpSO3({0.2, -1.4, 0.3}), Vector3d::Zero());
+  const auto result = EvaluateRpe(Moved(kMove, gt), body);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->orientations.kind, OrientationKind::kBody);
+  EXPECT_LT(result->per_delta[0].translation_m.max, 1e-3);
+  EXPECT_LT(result->per_delta[0].rotation_rad.max, 1e-4);
+  auto identity = gt;
+  for (auto& p : identity) p.world_from_camera = SE3(Quaterniond::Identity(), p.world_from_camera.translation());
+  const auto nothing = EvaluateRpe(Moved(kMove, gt), identity);
+  ASSERT_TRUE(nothing.ok()) << nothing.status();
+  EXPECT_LT(nothing->per_delta[0].translation_m.max, 1e-6);
+  EXPECT_GT(nothing->per_delta[0].segments, 0);
+  EXPECT_EQ(nothing->per_delta[0].rotation_rad.count, 0);
+}
+
 TEST(Rpe, DriftOfOnePercentInScale) {
   // A path along z whose estimate grows faster and faster: the scale is right on the whole, not in the parts.
   std::vector<io::StampedPose> gt, est;
   for (int i = 0; i <= 100; ++i) {
     const double z = 0.1 * i;
-    gt.push_back({FromSeconds(0.1 * i), SE3(Quaterniond::Identity(), {0, 0, z})});
-    est.push_back({FromSeconds(0.1 * i), SE3(ExpSO3({0, 0.002 * i, 0}), {0, 0, 1.01 * z})});
+    const Quaterniond nod = ExpSO3({0.3 * std::sin(0.2 * i), 0, 0});
+    gt.push_back({FromSeconds(0.1 * i), SE3(nod, {0, 0, z})});
+    est.push_back({FromSeconds(0.1 * i), SE3(ExpSO3({0, 0.002 * i, 0}) * nod, {0, 0, 1.01 * z})});
   }
   const auto result = EvaluateRpe(est, gt, {.deltas = {1.0, 2.0, 100.0}, .with_scale = false});
   ASSERT_TRUE(result.ok()) << result.status();
-  EXPECT_EQ((*result)[0].segments, 91);
-  EXPECT_NEAR((*result)[0].rotation_rad.rmse, 0.02, 1e-6);
-  EXPECT_NEAR((*result)[1].rotation_rad.median, 0.04, 1e-6);
-  EXPECT_EQ((*result)[2].segments, 0);
+  EXPECT_EQ(result->per_delta[0].segments, 91);
+  EXPECT_NEAR(result->per_delta[0].rotation_rad.rmse, 0.02, 1e-6);
+  EXPECT_NEAR(result->per_delta[1].rotation_rad.median, 0.04, 1e-6);
+  EXPECT_EQ(result->per_delta[2].segments, 0);
   const auto frames = EvaluateRpe(est, gt, {.unit = RpeUnit::kFrames, .deltas = {10}, .with_scale = false});
-  EXPECT_NEAR((*frames)[0].translation_m.median, (*result)[0].translation_m.median, 1e-9);
+  EXPECT_NEAR(frames->per_delta[0].translation_m.median, result->per_delta[0].translation_m.median, 1e-9);
   const auto seconds = EvaluateRpe(est, gt, {.unit = RpeUnit::kSeconds, .deltas = {1}, .with_scale = false});
-  EXPECT_EQ((*seconds)[0].segments, 91);
-  for (auto& p : est) p.world_from_camera = SE3(Quaterniond::Identity(), p.world_from_camera.translation());
+  EXPECT_EQ(seconds->per_delta[0].segments, 91);
+  for (std::size_t i = 0; i < est.size(); ++i) {
+    est[i].world_from_camera = SE3(gt[i].world_from_camera.rotation(), est[i].world_from_camera.translation());
+  }
   const auto straight = EvaluateRpe(est, gt, {.with_scale = false});
-  EXPECT_NEAR((*straight)[0].drift_percent, 1.0, 1e-6);
+  EXPECT_NEAR(straight->per_delta[0].drift_percent, 1.0, 1e-6);
   EXPECT_FALSE(EvaluateRpe(est, gt, {.deltas = {}}).ok());
   EXPECT_FALSE(EvaluateRpe(est, gt, {.deltas = {-1}}).ok());
 }
@@ -149,7 +213,7 @@ TEST(Rpe, ScaleFromTheAlignment) {
   const auto gt = Path(80);
   const auto result = EvaluateRpe(Moved(kMove, gt), gt);
   ASSERT_TRUE(result.ok()) << result.status();
-  EXPECT_LT((*result)[0].translation_m.max, 1e-8);
+  EXPECT_LT(result->per_delta[0].translation_m.max, 1e-8);
 }
 
 TEST(Loop, KnownDriftBetweenTheEnds) {
@@ -215,6 +279,62 @@ TEST(Localization, SharesOfAllQueries) {
   EXPECT_EQ(some->within, 1);
   EXPECT_EQ(EvaluateLocalization(answers, {}).status().code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_FALSE(EvaluateLocalization(answers, reference, {}, {.within_m = 1.0}).ok());
+}
+
+TEST(Localization, ABodysConstantRotationIsNoError) {
+  const auto path = Path(60);
+  auto body = path;
+  for (auto& p : body) p.world_from_camera = p.world_from_camera * SE3(ExpSO3({0.2, -1.4, 0.3}), Vector3d::Zero());
+  std::vector<LocalizationAnswer> answers;
+  for (const auto& p : path) answers.push_back({p.time_ns, p.world_from_camera});
+  answers[7].world_from_camera = SE3(ExpSO3({0, 0.5, 0}), path[7].world_from_camera.translation());
+  const auto result = EvaluateLocalization(answers, body);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->orientations.kind, OrientationKind::kBody);
+  EXPECT_EQ(result->within, 59);
+  EXPECT_EQ(result->wrong, 1);
+  // A map that lies turned in the world is an error, though it turns as it should.
+  for (auto& answer : answers) {
+    answer.world_from_camera =
+        SE3(ExpSO3({0, 0, 0.23}) * answer.world_from_camera->rotation(), answer.world_from_camera->translation());
+  }
+  EXPECT_EQ(EvaluateLocalization(answers, path)->within, 0);
+}
+
+TEST(Reference, TheBodysPlaceOfTheCameraIsAppliedToEurocFilesOnly) {
+  const std::filesystem::path folder =
+      std::filesystem::path(testing::TempDir()) / ("cairn_reference_" + std::to_string(::getpid()));
+  std::filesystem::create_directories(folder / "state_groundtruth_estimate0");
+  std::filesystem::create_directories(folder / "cam0");
+  const std::string csv = (folder / "state_groundtruth_estimate0" / "data.csv").string();
+  std::ofstream(csv) << "#timestamp,x,y,z,qw,qx,qy,qz\n1403715284262142976,1,2,3,0.70710678,0,0,0.70710678\n";
+  const std::string tum = (folder / "state_groundtruth_estimate0" / "camera.txt").string();
+  std::ofstream(tum) << "1403715284.262142976 1 2 3 0 0 0.70710678 0.70710678\n";
+
+  // Not known where the camera sits.
+  auto reference = LoadReference(csv);
+  ASSERT_TRUE(reference.ok()) << reference.status();
+  EXPECT_TRUE(reference->is_body);
+  EXPECT_NE(Describe(*reference).find("--sensor"), std::string::npos);
+
+  const std::string sensor = (folder / "cam0" / "sensor.yaml").string();
+  std::ofstream(sensor) << "T_BS:\n  data: [0, 0, 1, 0.5, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 0, 1]\n";
+  reference = LoadReference(csv);
+  ASSERT_TRUE(reference.ok()) << reference.status();
+  ASSERT_TRUE(reference->body_from_camera.has_value());
+  // Half a metre along the body's x axis, which points along y of the world.
+  EXPECT_LT((reference->trajectory.poses[0].world_from_camera.translation() - Vector3d(1, 2.5, 3)).norm(), 1e-6);
+  EXPECT_LT(
+      (reference->trajectory.poses[0].world_from_camera.rotation() * Vector3d::UnitZ() - Vector3d::UnitY()).norm(),
+      1e-6);
+  EXPECT_NE(Describe(*reference).find("sensor.yaml"), std::string::npos);
+
+  EXPECT_FALSE(LoadReference(csv, {.sensor = "none"})->body_from_camera.has_value());
+  EXPECT_FALSE(LoadReference(tum)->body_from_camera.has_value());
+  EXPECT_TRUE(LoadReference(tum, {.sensor = sensor})->body_from_camera.has_value());
+  EXPECT_EQ(LoadReference(tum, {.sensor = tum}).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_FALSE(LoadReference(tum, {.sensor = sensor + "x"}).ok());
+  std::filesystem::remove_all(folder);
 }
 
 TEST(Localization, TimesFile) {

@@ -7,6 +7,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_split.h"
 #include "eval/association.h"
+#include "eval/reference.h"
 #include "io/atomic_file.h"
 #include "io/time_text.h"
 
@@ -31,6 +32,18 @@ bool HasTime(const std::vector<TimeNs>& sorted, TimeNs time_ns, TimeNs max_dt_ns
   return at != sorted.end() && *at <= time_ns + max_dt_ns;
 }
 
+// Of the answers that have a reference, in the order of time.
+OrientationAgreement OrientationsOf(std::span<const LocalizationAnswer> answers, std::span<const io::StampedPose> truth,
+                                    double max_dt_s) {
+  std::vector<io::StampedPose> located;
+  for (const LocalizationAnswer& answer : answers) {
+    if (answer.world_from_camera) located.push_back({answer.time_ns, *answer.world_from_camera});
+  }
+  located = SortedFinite(located);
+  const PairedPoses poses = PosesOf(located, truth, AssociateNearest(located, truth, max_dt_s));
+  return OrientationsInOneFrame(poses.groundtruth, poses.estimate);
+}
+
 }  // namespace
 
 absl::StatusOr<LocalizationResult> EvaluateLocalization(std::span<const LocalizationAnswer> answers,
@@ -44,6 +57,8 @@ absl::StatusOr<LocalizationResult> EvaluateLocalization(std::span<const Localiza
   const TimeNs max_dt_ns = FromSeconds(options.max_dt_s);
 
   LocalizationResult result;
+  result.orientations = OrientationsOf(answers, truth, options.max_dt_s);
+  const bool turned = result.orientations.kind != OrientationKind::kConstant;
   std::vector<double> errors_m, errors_rad;
   for (const LocalizationAnswer& answer : answers) {
     if (only_times_ns.has_value() && !HasTime(times, answer.time_ns, max_dt_ns)) continue;
@@ -56,9 +71,10 @@ absl::StatusOr<LocalizationResult> EvaluateLocalization(std::span<const Localiza
     ++result.queries;
     LocalizationQuery query{.time_ns = answer.time_ns};
     if (answer.world_from_camera.has_value()) {
-      const SE3& expected = truth[match[0].groundtruth].world_from_camera;
+      const SE3 expected =
+          WithMount(truth[match[0].groundtruth].world_from_camera, result.orientations.camera_from_body);
       query.error_m = (answer.world_from_camera->translation() - expected.translation()).norm();
-      query.error_rad = AngleRad(answer.world_from_camera->rotation().conjugate() * expected.rotation());
+      if (turned) query.error_rad = AngleRad(answer.world_from_camera->rotation().conjugate() * expected.rotation());
       const double error_deg = query.error_rad * 180.0 / std::numbers::pi;
       query.verdict = LocalizationVerdict::kInaccurate;
       // Written so that an answer that is not a number is wrong.
@@ -71,7 +87,7 @@ absl::StatusOr<LocalizationResult> EvaluateLocalization(std::span<const Localiza
       }
       ++result.answered;
       errors_m.push_back(query.error_m);
-      errors_rad.push_back(query.error_rad);
+      if (turned) errors_rad.push_back(query.error_rad);
     }
     result.per_query.push_back(query);
   }

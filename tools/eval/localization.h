@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "eval/statistics.h"
+#include "geometry/orientation_agreement.h"
 #include "geometry/se3.h"
 #include "io/trajectory.h"
 
@@ -51,6 +52,9 @@ struct LocalizationResult {
   Statistics error_m;  // of the answered
   Statistics error_rad;
   std::vector<LocalizationQuery> per_query;
+  // Of the reference, by the answers. If they are a body's, its constant rotation against the camera is not counted as
+  // an error; if they are the same everywhere, positions alone decide.
+  OrientationAgreement orientations;
 };
 
 // `only_times_ns`: counts only queries that have an entry there (say, the covered ones); nothing: all.

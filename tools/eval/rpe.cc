@@ -4,6 +4,8 @@
 
 #include "eval/association.h"
 #include "eval/ate.h"
+#include "eval/reference.h"
+#include "geometry/pose_alignment.h"
 
 namespace cairn::eval {
 
@@ -41,6 +43,25 @@ std::vector<Pair> MakePairs(std::span<const io::StampedPose> est, std::span<cons
                      SE3(pose.rotation(), scale * pose.translation()), gt[a.groundtruth].world_from_camera});
   }
   return pairs;
+}
+
+// Gives the ground truth orientations of the camera. False if it has none.
+bool MakeComparable(std::vector<Pair>& pairs, const PairedPoses& poses, OrientationAgreement* orientations) {
+  const auto alignment = AlignPoses(poses.groundtruth, poses.estimate);
+  if (!alignment.ok()) {
+    *orientations = CompareOrientations(poses.groundtruth, poses.estimate);
+    return true;
+  }
+  *orientations = alignment->orientations;
+  const bool comparable = alignment->orientations_used || orientations->kind == OrientationKind::kOtherFrame;
+  for (Pair& pair : pairs) {
+    if (comparable) {
+      pair.groundtruth = WithMount(pair.groundtruth, orientations->camera_from_body);
+    } else {
+      pair.groundtruth = SE3(alignment->a_from_b.rotation() * pair.estimate.rotation(), pair.groundtruth.translation());
+    }
+  }
+  return comparable;
 }
 
 double Span(const Pair& from, const Pair& to, std::size_t frames, RpeUnit unit) {
@@ -84,9 +105,8 @@ RpeResult EvaluateDelta(std::span<const Pair> pairs, double delta, RpeUnit unit)
 
 }  // namespace
 
-absl::StatusOr<std::vector<RpeResult>> EvaluateRpe(std::span<const io::StampedPose> estimate,
-                                                   std::span<const io::StampedPose> groundtruth,
-                                                   const RpeOptions& options) {
+absl::StatusOr<RpeResults> EvaluateRpe(std::span<const io::StampedPose> estimate,
+                                       std::span<const io::StampedPose> groundtruth, const RpeOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   double scale = 1.0;
   if (options.with_scale) {
@@ -100,9 +120,13 @@ absl::StatusOr<std::vector<RpeResult>> EvaluateRpe(std::span<const io::StampedPo
     return absl::FailedPreconditionError(absl::StrCat("only ", associations.size(), " of ", est.size(),
                                                       " poses have ground truth within ", options.max_dt_s, " s"));
   }
-  const std::vector<Pair> pairs = MakePairs(est, gt, associations, scale);
-  std::vector<RpeResult> results;
-  for (const double delta : options.deltas) results.push_back(EvaluateDelta(pairs, delta, options.unit));
+  std::vector<Pair> pairs = MakePairs(est, gt, associations, scale);
+  RpeResults results;
+  const bool rotations = MakeComparable(pairs, PosesOf(est, gt, associations), &results.orientations);
+  for (const double delta : options.deltas) {
+    results.per_delta.push_back(EvaluateDelta(pairs, delta, options.unit));
+    if (!rotations) results.per_delta.back().rotation_rad = Statistics();
+  }
   return results;
 }
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "eval/statistics.h"
+#include "geometry/orientation_agreement.h"
 #include "io/trajectory.h"
 
 namespace cairn::eval {
@@ -34,10 +35,16 @@ struct RpeResult {
   int segments = 0;  // 0: the trajectory is shorter than delta
 };
 
+struct RpeResults {
+  // Of the ground truth. A body's are turned to the camera's first; where they mean nothing, the estimate's stand in:
+  // then `rotation_rad` is empty, and translations are those of the positions.
+  OrientationAgreement orientations;
+  std::vector<RpeResult> per_delta;
+};
+
 // Segments start at every associated pose and end at the first pose at least `delta` later.
 // Errors: as EvaluateAte.
-absl::StatusOr<std::vector<RpeResult>> EvaluateRpe(std::span<const io::StampedPose> estimate,
-                                                   std::span<const io::StampedPose> groundtruth,
-                                                   const RpeOptions& options = {});
+absl::StatusOr<RpeResults> EvaluateRpe(std::span<const io::StampedPose> estimate,
+                                       std::span<const io::StampedPose> groundtruth, const RpeOptions& options = {});
 
 }  // namespace cairn::eval
