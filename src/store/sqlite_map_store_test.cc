@@ -188,7 +188,7 @@ TEST(SqliteMapStore, SummaryAndLog) {
   EXPECT_EQ(summary.vocabulary_bytes, 5);
   EXPECT_EQ(summary.info.name, "office");
   EXPECT_GT(summary.covisibility_edges, 0);
-  const std::vector<LoggedChange> changes = *file->ReadChanges({.max_count = 2});
+  const std::vector<LoggedChange> changes = *file->ReadChanges({.session = {}, .max_count = 2});
   ASSERT_EQ(changes.size(), 2u);
   EXPECT_EQ(changes[0].revision, 4u);
   EXPECT_EQ(changes[0].reason, "insert keyframe 3");
@@ -211,7 +211,7 @@ TEST(SqliteMapStore, LogIsBounded) {
   EXPECT_EQ(changes.size(), static_cast<std::size_t>(kMaxLoggedChanges));
   EXPECT_EQ(changes.front().revision, map->revision());
   EXPECT_EQ(changes.front().committed_unix_ns, 0);
-  EXPECT_EQ((*(*SqliteMapStore::OpenReadOnly(file->uri()))->ReadChanges({.max_count = 5})).size(), 5u);
+  EXPECT_EQ((*(*SqliteMapStore::OpenReadOnly(file->uri()))->ReadChanges({.session = {}, .max_count = 5})).size(), 5u);
 }
 
 TEST(SqliteMapStore, DigestNamesContentOnly) {

@@ -9,6 +9,7 @@
 #include <csignal>
 #include <filesystem>
 
+#include "store/row.h"
 #include "store/test_files.h"
 #include "store/test_maps.h"
 
