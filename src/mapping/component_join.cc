@@ -53,6 +53,7 @@ absl::Status JoinOptions::Validate() const {
     return bad("remembered must be at least min_sightings, and that 1");
   if (!(min_share >= 0.0 && min_share <= 1.0)) return bad("min_share must be in [0, 1]");
   if (!(max_rival_share > 0.0 && max_rival_share <= 1.0)) return bad("max_rival_share must be in (0, 1]");
+  if (max_verified < 1) return bad("max_verified must be at least 1");
   if (max_seam_keyframes < 1 || seam_iterations < 1) return bad("the seam needs at least one keyframe and iteration");
   return absl::OkStatus();
 }
@@ -85,6 +86,28 @@ absl::StatusOr<ComponentJoiner::Sighting> ComponentJoiner::Look(const tracking::
   }
   sighting.median_depth = Median(std::move(depths));
   return sighting;
+}
+
+// Those of the same two components, most matches with points on both sides first: a keyframe gets points of its own with
+// those that follow it. Both keyframes must still be there.
+std::vector<const ComponentJoiner::Sighting*> ComponentJoiner::BestSightings(const map::Snapshot& map,
+                                                                             const Sighting& newest) const {
+  std::vector<std::pair<int, const Sighting*>> ranked;
+  for (const Sighting& sighting : sightings_) {
+    const map::Keyframe* keyframe = map.keyframes().Find(sighting.keyframe);
+    if (keyframe == nullptr || sighting.own != newest.own || sighting.other != newest.other) continue;
+    if (!map.keyframes().Contains(sighting.reference)) continue;
+    const auto complete = std::ranges::count_if(sighting.matches, [&](const LoopMatch& match) {
+      return keyframe->points[match.feature].valid() && map.points().Contains(match.point);
+    });
+    ranked.emplace_back(-static_cast<int>(complete), &sighting);
+  }
+  std::stable_sort(ranked.begin(), ranked.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<const Sighting*> best;
+  for (const auto& [complete, sighting] : ranked) {
+    if (static_cast<int>(best.size()) < options_.max_verified) best.push_back(sighting);
+  }
+  return best;
 }
 
 // Whether lately another component was seen about as often: a place that looks like this one.
@@ -216,13 +239,20 @@ absl::StatusOr<JoinReport> ComponentJoiner::Process(KeyframeId keyframe_id, std:
     report.rejected = "two components look alike here";
     return report;
   }
-  const auto overlap =
-      VerifyOverlap(map, keyframe_id, sighting.reference, sighting.matches, options_.overlap, &report.evidence);
-  if (!overlap) {
-    report.rejected = report.evidence.rejected;
-  } else if (!SightingsAgree(map, sighting, *overlap, &report)) {
-    report.rejected = absl::StrCat(report.sightings_agreeing, " of ", report.sightings_checked,
-                                   " keyframes found there agree, at least ", options_.min_sightings, " needed");
+  std::optional<Loop> overlap;
+  for (const Sighting* candidate : BestSightings(map, sighting)) {
+    overlap = VerifyOverlap(map, candidate->keyframe, candidate->reference, candidate->matches, options_.overlap,
+                            &report.evidence);
+    report.sightings_agreeing = report.sightings_checked = 0;
+    if (!overlap) {
+      report.rejected = report.evidence.rejected;
+    } else if (!SightingsAgree(map, sighting, *overlap, &report)) {
+      report.rejected = absl::StrCat(report.sightings_agreeing, " of ", report.sightings_checked,
+                                     " keyframes found there agree, at least ", options_.min_sightings, " needed");
+    } else {
+      report.rejected.clear();
+      break;
+    }
   }
   report.verify_ms = watch.LapMs();
   if (!report.rejected.empty()) return report;

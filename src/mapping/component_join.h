@@ -10,6 +10,7 @@
 #include <deque>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "base/status.h"
 #include "mapping/loop_options.h"
@@ -32,6 +33,7 @@ struct JoinOptions {
   // other's.
   int max_seam_keyframes = 60;
   int seam_iterations = 10;
+  int max_verified = 3;  // of what is remembered: a keyframe that was found earlier may have the better matches by now
 
   absl::Status Validate() const;
 };
@@ -78,6 +80,7 @@ class ComponentJoiner {
 
   explicit ComponentJoiner(const JoinOptions& options);
 
+  std::vector<const Sighting*> BestSightings(const map::Snapshot& map, const Sighting& newest) const;
   absl::StatusOr<Sighting> Look(const tracking::MapView& view, const map::Keyframe& keyframe) const;
   bool IsRivalled(const Sighting& sighting) const;
   bool SightingsAgree(const map::Snapshot& map, const Sighting& sighting, const Loop& overlap,

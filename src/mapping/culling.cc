@@ -1,6 +1,8 @@
 #include "mapping/culling.h"
 
 #include <algorithm>
+#include <cmath>
+#include <utility>
 
 namespace cairn::mapping {
 
@@ -34,18 +36,25 @@ bool IsClutter(const map::MapPoint& point, const FeatureMapperOptions& options) 
 
 double RedundantShare(const map::Edit& edit, KeyframeId id, int observers) {
   const map::Keyframe& keyframe = edit.keyframe(id);
+  // Octaves as they would be with the focal length of this keyframe's camera: a longer one sees finer at the same octave.
+  const auto octave_in = [&](const map::Keyframe& other, std::uint32_t feature) {
+    const double octave = other.keypoints()[feature].octave;
+    if (other.camera == keyframe.camera) return octave;
+    const double ratio = edit.pinhole(keyframe.camera).fx_px / edit.pinhole(other.camera).fx_px;
+    return octave + std::log(ratio) / std::log(edit.info().orb.scale_factor);
+  };
   int points = 0, redundant = 0;
   for (std::size_t i = 0; i < keyframe.points.size(); ++i) {
     if (!keyframe.points[i]) continue;
     ++points;
     const map::MapPoint& point = edit.point(keyframe.points[i]);
     if (static_cast<int>(point.observations.size()) <= observers) continue;
-    const int octave = keyframe.keypoints()[i].octave;
+    const double octave = keyframe.keypoints()[i].octave;
     int others = 0;
     for (const map::Observation& observation : point.observations) {
       if (observation.keyframe == id) continue;
-      const int other = edit.keyframe(observation.keyframe).keypoints()[observation.feature].octave;
-      if (other <= octave + 1 && ++others >= observers) break;
+      const double other = octave_in(edit.keyframe(observation.keyframe), observation.feature);
+      if (other <= octave + 1.0 && ++others >= observers) break;
     }
     redundant += others >= observers ? 1 : 0;
   }
@@ -63,6 +72,22 @@ int CullKeyframes(map::Edit& edit, KeyframeId keyframe, const FeatureMapperOptio
     if (erase(edge.keyframe)) ++culled;
   }
   return culled;
+}
+
+int CullAmong(map::Edit& edit, std::vector<KeyframeId> keyframes, const FeatureMapperOptions& options,
+              const std::function<bool(KeyframeId)>& erase) {
+  int culled = 0;
+  for (;;) {
+    std::pair<double, KeyframeId> most = {options.redundant_share, KeyframeId()};
+    std::erase_if(keyframes, [&](KeyframeId id) { return edit.FindKeyframe(id) == nullptr || !edit.keyframe(id).parent; });
+    std::erase_if(keyframes, [&](KeyframeId id) {
+      const double share = RedundantShare(edit, id, options.redundant_observers);
+      if (share > most.first) most = {share, id};
+      return share <= options.redundant_share;  // what goes makes nothing more redundant
+    });
+    if (!most.second || !erase(most.second)) return culled;
+    ++culled;
+  }
 }
 
 }  // namespace cairn::mapping

@@ -40,4 +40,8 @@ double RedundantShare(const map::Edit& edit, KeyframeId keyframe, int observers)
 int CullKeyframes(map::Edit& edit, KeyframeId keyframe, const FeatureMapperOptions& options,
                   const std::function<bool(KeyframeId)>& erase);
 
+// Likewise among `keyframes`, wherever they are: the most redundant one first, until none is left.
+int CullAmong(map::Edit& edit, std::vector<KeyframeId> keyframes, const FeatureMapperOptions& options,
+              const std::function<bool(KeyframeId)>& erase);
+
 }  // namespace cairn::mapping

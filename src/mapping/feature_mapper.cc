@@ -145,7 +145,20 @@ void FeatureMapper::Impl::CorrectViews() {
   }
 }
 
+// A session that came to where others have been: what it adds there should be what they have not seen.
+absl::Status FeatureMapper::Impl::CullSession() {
+  std::vector<KeyframeId> own;
+  map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+    if (keyframe->session == session_) own.push_back(keyframe->id);
+  });
+  if (own.size() == map_->keyframes().size()) return absl::OkStatus();
+  map::Edit edit(map_);
+  mapper_.CullRedundant(edit, std::move(own));
+  return CommitEdit(std::move(edit), "cull redundant keyframes of the session");
+}
+
 absl::Status FeatureMapper::Impl::Finish() {
+  CAIRN_RETURN_IF_ERROR(CullSession());
   std::map<ComponentId, std::vector<KeyframeId>> own_of;
   map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
     if (keyframe->session == session_) own_of[keyframe->component].push_back(keyframe->id);

@@ -85,6 +85,7 @@ class FeatureMapper::Impl {
   bool MayGoOnAt(KeyframeId place, const direct::KeyframePacket& packet) const;
   absl::Status Accept(Current* current);
   absl::Status AdjustSession(ComponentId component, const std::vector<KeyframeId>& own);
+  absl::Status CullSession();
   bool OwnsCamera() const;
   void CorrectViews();
   absl::Status Lose(const SE3& guess, Current* current);

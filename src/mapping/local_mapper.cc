@@ -110,11 +110,19 @@ void LocalMapper::Cull(map::Edit& edit, InsertionReport* report) {
   report->culled_keyframes = CullKeyframes(edit, report->keyframe, options_, [&](KeyframeId id) {
     // The newest are still gaining points.
     if (id.value() + static_cast<KeyframeId::Value>(options_.young_keyframes) >= report->keyframe.value()) return false;
-    const map::Keyframe culled = edit.keyframe(id);
-    if (IsHeld(edit, culled, session_)) return false;
-    on_cull_(edit, culled, edit.keyframe(culled.parent));
-    return edit.EraseKeyframe(id);
+    return EraseKeyframe(edit, id);
   });
+}
+
+bool LocalMapper::EraseKeyframe(map::Edit& edit, KeyframeId id) {
+  const map::Keyframe culled = edit.keyframe(id);
+  if (IsHeld(edit, culled, session_)) return false;
+  on_cull_(edit, culled, edit.keyframe(culled.parent));
+  return edit.EraseKeyframe(id);
+}
+
+int LocalMapper::CullRedundant(map::Edit& edit, std::vector<KeyframeId> keyframes) {
+  return CullAmong(edit, std::move(keyframes), options_, [&](KeyframeId id) { return EraseKeyframe(edit, id); });
 }
 
 }  // namespace cairn::mapping

@@ -56,6 +56,9 @@ class LocalMapper {
 
   absl::StatusOr<InsertionReport> Insert(map::Edit& edit, InsertionRequest request);
 
+  // At the end of a session: those of `keyframes` that show nothing which others do not. Returns how many went.
+  int CullRedundant(map::Edit& edit, std::vector<KeyframeId> keyframes);
+
   int keyframes_inserted() const { return inserted_; }
 
  private:
@@ -64,6 +67,7 @@ class LocalMapper {
   void Fuse(map::Edit& edit, const InsertionRequest& request, InsertionReport* report);
   absl::Status Adjust(map::Edit& edit, InsertionReport* report);
   void Cull(map::Edit& edit, InsertionReport* report);
+  bool EraseKeyframe(map::Edit& edit, KeyframeId id);
 
   const FeatureMapperOptions options_;
   const SessionId session_;

@@ -123,7 +123,7 @@ class Verifier {
     std::vector<Sim3Match> matches;
     for (const LoopMatch& match : given) {
       // Only both positions of a point tell the scale.
-      if (!current_.points[match.feature]) continue;
+      if (!current_.points[match.feature] || !map_.points().Contains(match.point)) continue;
       matches.push_back(MakeMatch(current_, match.feature, loop_, map_.point(match.point)));
     }
     return matches;
