@@ -160,7 +160,8 @@ TEST(DeltaReader, FromAnyRevisionToTheNewest) {
   for (const std::uint64_t seed : {1, 2, 3}) {
     const TempFolder folder;
     const std::string path = folder.File("a.cairn");
-    auto file = *SqliteMapStore::Create(path, TestInfo(), {.write = {.sync_every_commit = false}});
+    auto file =
+        *SqliteMapStore::Create(path, TestInfo(), {.vocabulary = "words", .write = {.sync_every_commit = false}});
     auto reader = *SqliteMapStore::OpenReadOnly(path);
     Mutator mutator(seed);
     std::vector<SnapshotPtr> history = {map::Snapshot::Empty(TestInfo())};

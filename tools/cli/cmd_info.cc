@@ -140,6 +140,7 @@ absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
                          store::OpenMapStore(options.map, store::OpenMode::kRead));
+  for (const std::string& note : file->notes()) std::cerr << "cairn info: " << note << "\n";
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   if (map->info().vocabulary_hash != 0) {
     const absl::Status vocabulary = file->LoadVocabulary().status();
