@@ -27,7 +27,7 @@ absl::Status CheckDetermined(const PoseAlignment& alignment, const PoseAlignment
         alignment.rotation_sigma_rad * kDegPerRad, limits.max_rotation_sigma_rad * kDegPerRad,
         alignment.orientations_used
             ? "orientations and positions are too noisy, or too few. More poses, or a path that turns, help"
-            : absl::StrCat("the positions lie on or near a line, and the reference's orientations are ",
+            : absl::StrCat("the positions alone do not show it, and the reference's orientations are ",
                            Describe(alignment.orientations.kind),
                            ". A reference with the camera's orientations, or a path that turns, helps")));
   }

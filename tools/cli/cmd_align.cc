@@ -97,7 +97,9 @@ absl::Status Judge(const PoseAlignment& found, const Target& target, const std::
     }
   }
   const bool contradicted = !reasons.empty();
-  if (const absl::Status open = CheckDetermined(found); !open.ok()) reasons.emplace_back(open.message());
+  if (const absl::Status determined = CheckDetermined(found); !determined.ok()) {
+    reasons.emplace_back(determined.message());
+  }
   if (reasons.empty()) return absl::OkStatus();
   if (found.orientations.inverted) {
     reasons.emplace_back(
@@ -105,12 +107,12 @@ absl::Status Judge(const PoseAlignment& found, const Target& target, const std::
   }
   std::string help;
   if (contradicted) {
-    help = " Is it the trajectory of the mapped recording, with its clock? --force aligns to it if it is sure";
-    for (const Target& other : targets) {
-      if (other.component == target.component || other.pairs.empty()) continue;
-      absl::StrAppend(&help, ". Of component ", other.component.value(), " ", other.pairs.size(),
-                      " keyframes have a reference pose, too: --component ", other.component.value());
-    }
+    help = " Is it the trajectory of the mapped recording, with its clock? --force aligns to it all the same.";
+  }
+  for (const Target& other : targets) {
+    if (other.component == target.component || other.pairs.empty()) continue;
+    absl::StrAppend(&help, " Of component ", other.component.value(), " ", other.pairs.size(),
+                    " keyframes have a reference pose, too: --component ", other.component.value(), ".");
   }
   return absl::FailedPreconditionError(absl::StrFormat("%s does not align component %u; the map is as it was: %s.%s",
                                                        options.groundtruth, target.component.value(),
