@@ -36,12 +36,13 @@ bool IsClutter(const map::MapPoint& point, const FeatureMapperOptions& options) 
 
 double RedundantShare(const map::Edit& edit, KeyframeId id, int observers) {
   const map::Keyframe& keyframe = edit.keyframe(id);
-  // Octaves as they would be with the focal length of this keyframe's camera: a longer one sees finer at the same octave.
+  // A camera of a longer focal length sees finer at the same octave: its octaves count as what they would be here. That a
+  // shorter one sees coarser is not held against it, or keyframes of the longest would never go.
   const auto octave_in = [&](const map::Keyframe& other, std::uint32_t feature) {
     const double octave = other.keypoints()[feature].octave;
     if (other.camera == keyframe.camera) return octave;
     const double ratio = edit.pinhole(keyframe.camera).fx_px / edit.pinhole(other.camera).fx_px;
-    return octave + std::log(ratio) / std::log(edit.info().orb.scale_factor);
+    return octave + std::min(0.0, std::log(ratio) / std::log(edit.info().orb.scale_factor));
   };
   int points = 0, redundant = 0;
   for (std::size_t i = 0; i < keyframe.points.size(); ++i) {

@@ -145,16 +145,19 @@ void FeatureMapper::Impl::CorrectViews() {
   }
 }
 
-// A session that came to where others have been: what it adds there should be what they have not seen.
+// A session that came to where others have been: together they should keep what is seen once, not once per visit.
 absl::Status FeatureMapper::Impl::CullSession() {
-  std::vector<KeyframeId> own;
+  std::vector<KeyframeId> together;
+  bool others = false;
   map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
-    if (keyframe->session == session_) own.push_back(keyframe->id);
+    if (keyframe->component != component_) return;
+    together.push_back(keyframe->id);
+    others |= keyframe->session != session_;
   });
-  if (own.size() == map_->keyframes().size()) return absl::OkStatus();
+  if (!others) return absl::OkStatus();
   map::Edit edit(map_);
-  mapper_.CullRedundant(edit, std::move(own));
-  return CommitEdit(std::move(edit), "cull redundant keyframes of the session");
+  mapper_.CullRedundant(edit, std::move(together));
+  return CommitEdit(std::move(edit), "cull redundant keyframes");
 }
 
 absl::Status FeatureMapper::Impl::Finish() {
