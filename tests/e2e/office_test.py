@@ -132,28 +132,28 @@ class Office(unittest.TestCase):
         visit, truth = self.without(50, 110, 'away'), self.first / 'groundtruth_cam0.txt'
         report = must('run', visit, '--map', parts_map, '--deterministic', '--trajectory', frames)
         self.assertEqual(report['segments'], 2)
-        self.assertEqual(len(report['parts']), 2)
-        largest, other = report['parts']
-        self.assertGreaterEqual(largest['keyframes'], other['keyframes'])
+        self.assertEqual([component['id'] for component in report['components']], [1, 2])
+        largest, other = sorted(report['components'], key=lambda component: -component['frames'])
+        self.assertEqual(report['component_of_files'], largest['id'])
         self.assertEqual(report['keyframes'], largest['keyframes'] + other['keyframes'])
         ate = must('eval', 'ate', frames, truth)
         self.assertEqual(ate['associated'], largest['frames'])
         self.assertLess(ate['ate_m'], 0.02)
-        self.assertEqual([part['keyframes'] for part in must('info', parts_map)['parts']],
-                         [largest['keyframes'], other['keyframes']])
-        self.assertEqual(must('align', parts_map, '--groundtruth', truth)['parts'], 2)
+        self.assertEqual({component['id']: component['keyframes'] for component in must('info', parts_map)['components']},
+                         {component['id']: component['keyframes'] for component in (largest, other)})
+        self.assertEqual(must('align', parts_map, '--component', largest['id'], '--groundtruth', truth)['component'], largest['id'])
         located = must('localize', visit, '--stride', 5, '--map', parts_map, '--independent', '--out', poses, '--verbose')
-        in_parts = [image['part'] for image in located['images'] if image['localized']]
-        self.assertEqual(in_parts.count(2), located['localized_in_other_parts'])
-        self.assertGreaterEqual(in_parts.count(2), 3)
-        self.assertGreaterEqual(in_parts.count(1), 3)
+        found_in = [image['component'] for image in located['images'] if image['localized']]
+        self.assertEqual(found_in.count(other['id']), located['localized_in_other_components'])
+        self.assertGreaterEqual(found_in.count(other['id']), 3)
+        self.assertGreaterEqual(found_in.count(largest['id']), 3)
         result = must('eval', 'localization', poses, truth)
-        self.assertEqual((result['wrong'], result['answered']), (0, in_parts.count(1)), result)
+        self.assertEqual((result['wrong'], result['answered']), (0, found_in.count(largest['id'])), result)
 
     def test_info_knows_the_alignment_and_the_provenance(self):
         info = must('info', self.map)
         self.assertEqual(info['keyframes'], self.report['keyframes'])
-        self.assertIsNotNone(info['world_from_map'])
+        self.assertTrue(info['components'][0]['aligned'])
         self.assertEqual([s['source'] for s in info['sessions']], ['visit_1'])
         self.assertTrue(info['sessions'][0]['complete'])
 

@@ -99,6 +99,12 @@ std::string StateSummary(const std::vector<mapping::KeyframeReport>& reports) {
   return summary;
 }
 
+// That the files are about: the component with most frames of this session.
+ComponentId ComponentOfFiles(const engine::SessionReport& report) {
+  const auto most = std::ranges::max_element(report.components, {}, &engine::ComponentShare::frames);
+  return most == report.components.end() ? report.component : most->id;
+}
+
 // The components of the map, with what this session has in each.
 nlohmann::ordered_json SharesAsJson(const map::Snapshot& map, const engine::SessionReport& report, TimeNs first_ns) {
   nlohmann::ordered_json json = ComponentsAsJson(map);
@@ -162,7 +168,7 @@ void PrintShares(const engine::SessionReport& report, const map::Session& sessio
   std::printf(
       "  this session is in %lld components: tracking was lost, and began anew where nothing known was seen.\n"
       "  Each is right in itself, but how they lie to each other is not known; files hold component %u alone\n",
-      static_cast<long long>(with_frames), report.component.value());
+      static_cast<long long>(with_frames), ComponentOfFiles(report).value());
   for (const engine::ComponentShare& share : report.components) {
     if (share.frames == 0) continue;
     std::printf("    component %u: %lld keyframes, %lld frames from %.1f to %.1f s\n", share.id.value(),
@@ -177,7 +183,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   const map::Session& session = map.sessions().at(report.session);
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}};
-    AddFrameAndUnit(map.WorldFrom(report.component).has_value(), &json);
+    AddFrameAndUnit(map.WorldFrom(ComponentOfFiles(report)).has_value(), &json);
     AddFeedJson(feed, info, report.frames_tracked, interrupt, &json);
     json.update(
         {{"direct_keyframes", report.direct_keyframes},
@@ -468,8 +474,9 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   if (!finished) return KeepWhatIsKnown(options, *session, *run.map, feed.status());
   const absl::Status closed = run.map->Close();
   const std::shared_ptr<const map::Snapshot> map = run.map->Published()->snapshot();
+  const ComponentId of_files = ComponentOfFiles(report);
   const absl::Status written =
-      WriteMapOutputs(options, *map, report.component, PosesToReport(report.frame_poses, report.component));
+      WriteMapOutputs(options, *map, of_files, PosesToReport(report.frame_poses, of_files));
   const absl::Status error = feed.ok() ? closed : feed.status();
   if (!error.ok()) return AfterError(error, {options.trajectory, options.keyframes, options.picture}, written);
   CAIRN_RETURN_IF_ERROR(written);
