@@ -1,5 +1,5 @@
-// What it costs to publish one keyframe, in maps of different sizes: the change made, validated and turned into the next
-// view, place index included. The store is none: what the disk takes is measured in src/store.
+// What it costs to publish one keyframe, in maps of different sizes: the change made, validated and turned into the
+// next view, place index included. The store is none: what the disk takes is measured in src/store.
 #include <benchmark/benchmark.h>
 
 #include <map>

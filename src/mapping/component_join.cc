@@ -88,8 +88,8 @@ absl::StatusOr<ComponentJoiner::Sighting> ComponentJoiner::Look(const tracking::
   return sighting;
 }
 
-// Those of the same two components, most matches with points on both sides first: a keyframe gets points of its own with
-// those that follow it. Both keyframes must still be there.
+// Those of the same two components, most matches with points on both sides first: a keyframe gets points of its own
+// with those that follow it. Both keyframes must still be there.
 std::vector<const ComponentJoiner::Sighting*> ComponentJoiner::BestSightings(const map::Snapshot& map,
                                                                              const Sighting& newest) const {
   std::vector<std::pair<int, const Sighting*>> ranked;

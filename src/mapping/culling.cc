@@ -36,8 +36,8 @@ bool IsClutter(const map::MapPoint& point, const FeatureMapperOptions& options) 
 
 double RedundantShare(const map::Edit& edit, KeyframeId id, int observers) {
   const map::Keyframe& keyframe = edit.keyframe(id);
-  // A camera of a longer focal length sees finer at the same octave: its octaves count as what they would be here. That a
-  // shorter one sees coarser is not held against it, or keyframes of the longest would never go.
+  // A camera of a longer focal length sees finer at the same octave: its octaves count as what they would be here. That
+  // a shorter one sees coarser is not held against it, or keyframes of the longest would never go.
   const auto octave_in = [&](const map::Keyframe& other, std::uint32_t feature) {
     const double octave = other.keypoints()[feature].octave;
     if (other.camera == keyframe.camera) return octave;
@@ -80,7 +80,8 @@ int CullAmong(map::Edit& edit, std::vector<KeyframeId> keyframes, const FeatureM
   int culled = 0;
   for (;;) {
     std::pair<double, KeyframeId> most = {options.redundant_share, KeyframeId()};
-    std::erase_if(keyframes, [&](KeyframeId id) { return edit.FindKeyframe(id) == nullptr || !edit.keyframe(id).parent; });
+    std::erase_if(keyframes,
+                  [&](KeyframeId id) { return edit.FindKeyframe(id) == nullptr || !edit.keyframe(id).parent; });
     std::erase_if(keyframes, [&](KeyframeId id) {
       const double share = RedundantShare(edit, id, options.redundant_observers);
       if (share > most.first) most = {share, id};

@@ -194,6 +194,7 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
          {"session", report.session.value()},
          {"result", map::SessionResultName(report.result)},
          {"component", report.component.value()},
+         {"component_of_files", ComponentOfFiles(report).value()},
          {"located_after_s",
           report.located ? nlohmann::ordered_json(ToSeconds(report.located->time_ns - session.first_ns)) : nullptr},
          {"joined", JoinsAsJson(report, session.first_ns)},
@@ -475,8 +476,7 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   const absl::Status closed = run.map->Close();
   const std::shared_ptr<const map::Snapshot> map = run.map->Published()->snapshot();
   const ComponentId of_files = ComponentOfFiles(report);
-  const absl::Status written =
-      WriteMapOutputs(options, *map, of_files, PosesToReport(report.frame_poses, of_files));
+  const absl::Status written = WriteMapOutputs(options, *map, of_files, PosesToReport(report.frame_poses, of_files));
   const absl::Status error = feed.ok() ? closed : feed.status();
   if (!error.ok()) return AfterError(error, {options.trajectory, options.keyframes, options.picture}, written);
   CAIRN_RETURN_IF_ERROR(written);
