@@ -34,6 +34,10 @@ absl::Status LoopOptions::Validate() const {
   if (!(max_drift_share > 0.0) || !(drift_slack >= 0.0) || !(max_turn_deg > 0.0) || !(max_scale_change > 1.0)) {
     return bad("limits of drift must be positive (the scale above 1)");
   }
+  if (min_unlinked_matches < min_guided_matches || min_unlinked_cells < min_cells || min_unlinked_cells > 64) {
+    return bad("what is needed where nothing links the sides must not be less than elsewhere");
+  }
+  if (!(restart_edge_weight > 0.0)) return bad("restart_edge_weight must be positive");
   if (!(fusion_radius_px > 0.0) || !(fusion_extra_sigma_px >= 0.0)) return bad("fusion_radius_px must be positive");
   if (!(loop_edge_weight > 0.0)) return bad("loop_edge_weight must be positive");
   if (pose_graph_iterations < 1) return bad("pose_graph_iterations must be at least 1");

@@ -38,12 +38,16 @@ struct LoopOptions {
   double max_neighbour_shift = 0.08;    // of the neighbour's camera, in median depths of the points it sees
 
   // Third check: odometry does not drift by any amount. Between the keyframe as it is and as the loop puts it, against
-  // the length of the path between the two along the spanning tree. Across a restart the path is unknown: twice the
-  // guided matches are needed instead.
+  // the length of the path between the two along the spanning tree.
   double max_drift_share = 0.25;  // of the path's length
   double drift_slack = 0.2;       // in median depths
   double max_turn_deg = 45.0;
   double max_scale_change = 3.0;
+
+  // Where nothing links the two sides (a restart, another component), drift says nothing: more must be seen, and more of
+  // the image. An object that hangs in two rooms fills a part of it.
+  int min_unlinked_matches = 80;
+  int min_unlinked_cells = 16;
 
   // Correction.
   double fusion_radius_px = 4.0;

@@ -62,7 +62,7 @@ class Verifier {
     current_side_ = Side(current_, loop.loop_side);
     const std::vector<Sim3Match> matches = given == nullptr ? MatchDescriptors() : Matches(*given);
     if (!FindSimilarity(matches, &loop) || !MatchGuided(&loop)) return std::nullopt;
-    if (given == nullptr && !Plausible(loop)) return std::nullopt;
+    if (given == nullptr ? !Plausible(loop) : !EnoughWithoutALink()) return std::nullopt;
     const bool here = NeighboursAgree(current_, current_side_, loop_, loop.loop_side, loop.current_from_loop);
     if (!here || !NeighboursAgree(loop_, loop.loop_side, current_, current_side_, loop.current_from_loop.Inverse())) {
       return std::nullopt;
@@ -227,16 +227,23 @@ class Verifier {
 
   static double MedianDepth(std::vector<double> depths) { return depths.empty() ? 1.0 : Median(std::move(depths)); }
 
+  bool EnoughWithoutALink() {
+    if (evidence_.guided_matches < options_.min_unlinked_matches) {
+      return Reject("few matches by projection for places that nothing links");
+    }
+    if (evidence_.cells < options_.min_unlinked_cells) {
+      return Reject("the matches are in too small a part of the image for places that nothing links");
+    }
+    return true;
+  }
+
   bool Plausible(const Loop& loop) {
     const Sim3 moved_from_map = loop.current_from_loop * Sim3(loop_.camera_from_map);
     const Vector3d moved = moved_from_map.Inverse().translation();
     evidence_.shift = (moved - current_.CenterInMap()).norm();
     evidence_.turn_rad = AngleRad(moved_from_map.rotation() * current_.camera_from_map.rotation().conjugate());
     const std::optional<double> length = PathLength(map_, current_.id, loop_.id);
-    if (!length) {
-      if (evidence_.guided_matches >= 2 * options_.min_guided_matches) return true;
-      return Reject("few matches by projection for a loop across a restart");
-    }
+    if (!length) return EnoughWithoutALink();
     evidence_.path_length = *length;
     std::vector<double> depths;
     for (const PointId id : current_.points) {

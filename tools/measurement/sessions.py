@@ -93,7 +93,7 @@ def overlap_begins(folder, share=OVERLAP):
     times, enough = rows[:, 0] - rows[0, 0], rows[:, 1] >= share
     for time in times:
         if enough[(times >= time) & (times < time + OVERLAP_S)].all():
-            return time
+            return float(time)
     raise Failed(f'{folder}: the sessions never see the same')
 
 
@@ -150,7 +150,7 @@ class Sessions:
             located = report['located_after_s']
             # Of its own: begun by it, and not taken for a part of the other before they share anything in view.
             own = len(report['components']) > 1 and (located is None or located >= overlap_begins(visits[1], 0.001))
-            result = {'own': own, 'kept': kept, 'located_s': located,
+            result = {'own': bool(own), 'kept': kept, 'located_s': located,
                       'late_s': joined[0] - begins if joined else np.inf, 'overlap_s': begins,
                       'share': ate / sum(map(path_length, truths))}
             print(f'        rooms {seed}: {result}', flush=True)

@@ -182,7 +182,7 @@ TEST(Trajectory, TurningStaysWithinAHandsBreadth) {
     extent.extend(path->Pose(s).translation());
     turned_rad = std::max(turned_rad, AngleRad(path->Pose(0).rotation().conjugate() * path->Pose(s).rotation()));
   }
-  EXPECT_LT(extent.sizes().maxCoeff(), 0.15);
+  EXPECT_LT(extent.sizes().maxCoeff(), 0.16);
   EXPECT_GT(turned_rad, 0.9);
 }
 

@@ -180,8 +180,8 @@ SE3 Trajectory::Turning(double at_m) const {
   const double heading = kTurn * (0.15 + 0.21 * options_.session);
   const Vector3d middle(0.5 * world_.size_m.x(), 0.5 * world_.size_m.y(), height_m_);
   const Vector3d forward(std::cos(heading), std::sin(heading), 0.0), aside(-forward.y(), forward.x(), 0.0);
-  const Vector3d arm = 0.06 * std::sin(6.1 * a + 0.2) * aside + 0.03 * std::sin(5.3 * a + 0.5) * forward +
-                       Vector3d(0, 0, 0.05 * std::sin(7.3 * a + 0.3));
+  const Vector3d arm = 0.066 * std::sin(6.1 * a + 0.2) * aside + 0.04 * std::sin(5.3 * a + 0.5) * forward +
+                       Vector3d(0, 0, 0.062 * std::sin(7.3 * a + 0.3));
   const Quaterniond level(LookAlong(GazeOf(heading + yaw, pitch)));
   return SE3(level * ExpSO3(Vector3d(0, 0, roll)), middle + 0.2 * (options_.session % 3) * forward + arm);
 }
