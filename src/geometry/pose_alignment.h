@@ -75,7 +75,7 @@ absl::StatusOr<PoseAlignment> AlignPoses(std::span<const SE3> poses_a, std::span
                                          const PoseAlignmentOptions& options = {});
 
 struct PoseAlignmentLimits {
-  double max_relative_scale_sigma = 0.05;
+  double max_relative_scale_sigma = 0.10;
   double max_rotation_sigma_rad = 0.0174532925;  // 1 deg
   // Share of the pairs that must fit; the second where orientations that turn contradict the camera's.
   double min_fit_share = 0.6;
