@@ -44,8 +44,8 @@ struct LoopOptions {
   double max_turn_deg = 45.0;
   double max_scale_change = 3.0;
 
-  // Where nothing links the two sides (a restart, another component), drift says nothing: more must be seen, and more of
-  // the image. An object that hangs in two rooms fills a part of it.
+  // Where nothing links the two sides (a restart, another component), drift says nothing: more must be seen, and more
+  // of the image. An object that hangs in two rooms fills a part of it.
   int min_unlinked_matches = 80;
   int min_unlinked_cells = 16;
 
