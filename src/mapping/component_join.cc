@@ -2,14 +2,17 @@
 
 #include <algorithm>
 #include <optional>
+#include <unordered_map>
 #include <unordered_set>
 #include <utility>
 
+#include "absl/strings/str_format.h"
 #include "base/angles.h"
 #include "base/median.h"
 #include "mapping/local_adjustment.h"
 #include "mapping/loop_correction.h"
 #include "mapping/stopwatch.h"
+#include "optimization/lens_adjustment.h"
 
 namespace cairn::mapping {
 namespace {
@@ -44,11 +47,78 @@ void Touch(SessionId session_id, ComponentId component, map::Edit* edit) {
   edit->PutSession(session);
 }
 
+// The images of one camera against points that others have mapped: the poses are free, and the keyframes that made the
+// points hold them.
+class CameraProblem {
+ public:
+  CameraProblem(const map::Snapshot& map, const Pinhole& pinhole) : map_(map) { problem_.cameras = {pinhole}; }
+
+  void Add(const map::Keyframe& keyframe, const SE3& camera_from_other, const std::vector<LoopMatch>& matches) {
+    const auto pose = static_cast<std::uint32_t>(problem_.poses.size());
+    problem_.poses.push_back({camera_from_other, 0, false});
+    for (const LoopMatch& match : matches) {
+      if (const map::MapPoint* point = map_.points().Find(match.point)) Observe(keyframe, match.feature, pose, *point);
+    }
+  }
+
+  const optimization::BundleProblem& problem() const { return problem_; }
+
+ private:
+  void Observe(const map::Keyframe& keyframe, std::uint32_t feature, std::uint32_t pose, const map::MapPoint& point) {
+    const auto [at, added] = point_of_.try_emplace(point.id, static_cast<std::uint32_t>(problem_.points.size()));
+    const image::Keypoint& keypoint = keyframe.keypoints()[feature];
+    problem_.observations.push_back(
+        {pose, at->second, {keypoint.x_px, keypoint.y_px}, map_.info().orb.Scale(keypoint.octave)});
+    if (!added) return;
+    problem_.points.push_back(point.position);
+    for (const map::Observation& observation : point.observations) {
+      const map::Keyframe& other = map_.keyframe(observation.keyframe);
+      const image::Keypoint& seen = other.keypoints()[observation.feature];
+      problem_.observations.push_back(
+          {PoseOf(other), at->second, {seen.x_px, seen.y_px}, map_.info().orb.Scale(seen.octave)});
+    }
+  }
+
+  std::uint32_t PoseOf(const map::Keyframe& other) {
+    const auto [pose, added] = pose_of_.try_emplace(other.id, static_cast<std::uint32_t>(problem_.poses.size()));
+    if (!added) return pose->second;
+    const auto [camera, unknown] =
+        camera_of_.try_emplace(other.camera, static_cast<std::uint32_t>(problem_.cameras.size()));
+    if (unknown) problem_.cameras.push_back(map_.pinhole(other.camera));
+    problem_.poses.push_back({other.camera_from_map, camera->second, true});
+    return pose->second;
+  }
+
+  const map::Snapshot& map_;
+  optimization::BundleProblem problem_;
+  std::unordered_map<PointId, std::uint32_t> point_of_;
+  std::unordered_map<KeyframeId, std::uint32_t> pose_of_;
+  std::unordered_map<CameraId, std::uint32_t> camera_of_;
+};
+
+// How far apart in the world, and by which turn, the two components' alignments put the camera of `keyframe`; in the
+// unit of the world. Nothing if not both are aligned.
+struct WorldGap {
+  double shift = 0.0;
+  double turn_deg = 0.0;
+};
+std::optional<WorldGap> GapInWorld(const map::Snapshot& map, const map::Keyframe& keyframe, ComponentId other,
+                                   const Sim3& other_from_own) {
+  const auto world_from_own = map.WorldFrom(keyframe.component), world_from_other = map.WorldFrom(other);
+  if (!world_from_own || !world_from_other) return std::nullopt;
+  const Vector3d center = keyframe.CenterInMap();
+  const Sim3 by_join = *world_from_other * other_from_own;
+  const Quaterniond turn = by_join.rotation() * world_from_own->rotation().conjugate();
+  return WorldGap{(by_join * center - *world_from_own * center).norm(), kDegPerRad * AngleRad(turn)};
+}
+
 }  // namespace
 
 absl::Status JoinOptions::Validate() const {
   const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("component join: ", what)); };
   CAIRN_RETURN_IF_ERROR(overlap.Validate());
+  CAIRN_RETURN_IF_ERROR(lens.Validate());
+  if (!(log_focal_sigma > 0.0)) return bad("log_focal_sigma must be positive");
   if (min_sightings < 1 || remembered < min_sightings)
     return bad("remembered must be at least min_sightings, and that 1");
   if (!(min_share >= 0.0 && min_share <= 1.0)) return bad("min_share must be in [0, 1]");
@@ -139,6 +209,51 @@ bool ComponentJoiner::SightingsAgree(const map::Snapshot& map, const Sighting& n
   }
   return report->sightings_agreeing >= options_.min_sightings &&
          report->sightings_agreeing >= options_.min_share * report->sightings_checked;
+}
+
+// Whether two components that are both aligned to the world are there where the overlap puts them.
+bool ComponentJoiner::AlignmentsAgree(const map::Snapshot& map, const Loop& overlap, JoinReport* report) const {
+  const map::Keyframe& current = map.keyframe(overlap.current);
+  const ComponentId other = map.keyframe(overlap.loop).component;
+  const auto gap = GapInWorld(map, current, other, OtherFromOwn(map, overlap));
+  if (!gap) return true;
+  std::vector<double> depths;
+  for (const LoopMatch& match : overlap.matches) {
+    depths.push_back((map.keyframe(overlap.loop).camera_from_map * map.point(match.point).position).z());
+  }
+  const double depth = map.WorldFrom(other)->scale() * Median(std::move(depths));
+  if (gap->shift <= options_.overlap.max_neighbour_shift * depth &&
+      gap->turn_deg <= options_.overlap.max_neighbour_turn_deg) {
+    return true;
+  }
+  report->rejected = absl::StrFormat(
+      "both are aligned to the world, and there they are %.3g apart and turned by %.2g degrees: align one anew",
+      gap->shift, gap->turn_deg);
+  return false;
+}
+
+// Whether a camera that the other component does not know sees its points as it is calibrated. A focal length that is
+// wrong bends what is mapped with it, and would be believed from then on.
+bool ComponentJoiner::CameraFits(const map::Snapshot& map, const Sighting& newest, JoinReport* report) const {
+  const CameraId camera = map.keyframe(newest.keyframe).camera;
+  CameraProblem views(map, map.pinhole(camera));
+  for (const Sighting& sighting : sightings_) {
+    const map::Keyframe* keyframe = map.keyframes().Find(sighting.keyframe);
+    if (keyframe == nullptr || sighting.own != newest.own || sighting.other != newest.other) continue;
+    if (keyframe->camera == camera) views.Add(*keyframe, sighting.camera_from_other, sighting.matches);
+  }
+  const optimization::BundleProblem& problem = views.problem();
+  optimization::LensAdjustmentOptions prior;
+  prior.log_focal_sigma = options_.log_focal_sigma;
+  const auto result =
+      optimization::AdjustLens(problem, 0, std::vector<std::uint8_t>(problem.observations.size(), 1), prior);
+  if (!result.ok()) return true;  // too little to tell
+  const LensReport lens = JudgeLens(*result, map.pinhole(camera), options_.lens);
+  if (!lens.another_camera || lens.gain < options_.lens.min_gain) return true;
+  report->rejected = absl::StrFormat(
+      "the camera does not see there what its calibration says, a focal length x %.3f would: calibrate it",
+      lens.lens.focal_scale);
+  return false;
 }
 
 // What happens once the overlap is proven.
@@ -254,6 +369,7 @@ absl::StatusOr<JoinReport> ComponentJoiner::Process(KeyframeId keyframe_id, std:
       break;
     }
   }
+  if (report.rejected.empty() && AlignmentsAgree(map, *overlap, &report)) CameraFits(map, sighting, &report);
   report.verify_ms = watch.LapMs();
   if (!report.rejected.empty()) return report;
 

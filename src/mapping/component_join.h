@@ -2,7 +2,8 @@
 // what an earlier one has mapped. Each new keyframe is looked for in the other components; when several of them are
 // found there, agree on one similarity, and the neighbours of both sides come to it by themselves - as strict as a loop
 // (mapping/loop_verification.h) -, the younger component is moved into the frame of the older, points of both sides
-// become one, and the seam is adjusted: one change.
+// become one, and the seam is adjusted: one change. What contradicts that is no join: a camera that is not as it was
+// calibrated, or two components whose places in the world are known, and are not the same.
 //
 // Owns no threads; call it from the mapping thread, while the head is the caller's. Deterministic.
 #pragma once
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "base/status.h"
+#include "mapping/lens_refinement.h"
 #include "mapping/loop_options.h"
 #include "mapping/loop_verification.h"
 #include "mapping/map_head.h"
@@ -21,7 +23,10 @@
 namespace cairn::mapping {
 
 struct JoinOptions {
-  LoopOptions overlap;  // of the similarity between two keyframes and of its neighbours
+  LoopOptions overlap;         // of the similarity between two keyframes and of its neighbours
+  LensRefinementOptions lens;  // how far a camera may be from its calibration ...
+  // ... as points tell that others have mapped: they leave less open than a session's own, the prior holds little.
+  double log_focal_sigma = 0.05;
 
   int remembered = 8;      // keyframes looked for lately, whose findings count
   int min_sightings = 3;   // of these, found in the other component where the similarity puts them ...
@@ -82,6 +87,8 @@ class ComponentJoiner {
 
   std::vector<const Sighting*> BestSightings(const map::Snapshot& map, const Sighting& newest) const;
   absl::StatusOr<Sighting> Look(const tracking::MapView& view, const map::Keyframe& keyframe) const;
+  bool AlignmentsAgree(const map::Snapshot& map, const Loop& overlap, JoinReport* report) const;
+  bool CameraFits(const map::Snapshot& map, const Sighting& newest, JoinReport* report) const;
   bool IsRivalled(const Sighting& sighting) const;
   bool SightingsAgree(const map::Snapshot& map, const Sighting& sighting, const Loop& overlap,
                       JoinReport* report) const;

@@ -265,6 +265,42 @@ TEST(FeatureMapper, AnAlignedSideDoesNotMove) {
   EXPECT_LT(extended.Error(), 0.02);
 }
 
+// Both components are aligned, and where they overlap they are not in the same place of the world: one of them is
+// wrong.
+TEST(FeatureMapper, AlignmentsThatContradictEachOtherAreNotJoined) {
+  const FirstVisit visit;
+  TestRun old(TestRun::MakeHead(visit.vocabulary.get()));
+  visit.Map(&old);
+  if (HasFatalFailure()) return;
+  ASSERT_TRUE(old.mapper->Finish().ok());
+  const auto align = [&](ComponentId id, const Vector3d& shift) {
+    map::Edit edit(old.head->View()->snapshot());
+    map::Component component = edit.component(id);
+    component.world_from_component = Sim3(SE3(Quaterniond::Identity(), shift));
+    edit.PutComponent(component);
+    ASSERT_TRUE(old.head->Commit(edit.Finish("align"), {}).ok());
+  };
+  align(ComponentId(1), Vector3d::Zero());
+
+  TestRun extended(old.head);
+  PacketMaker other(visit.room, 8);
+  auto joiner = ComponentJoiner::Create();
+  int contradicted = 0;
+  for (int i = 0; i < 18; ++i) {
+    const SE3 pose = CirclePose((i - 2) / 44.0, 0.8);
+    extended.Process(other.Make(pose, 1.0), pose);
+    if (i == 0) align(ComponentId(2), Vector3d(1.5, 0.0, 0.0));
+    if (HasFatalFailure()) return;
+    if (!extended.reports.back().inserted) continue;
+    const auto report = joiner->Process(extended.reports.back().keyframe, 0, *old.head);
+    ASSERT_TRUE(report.ok()) << report.status();
+    EXPECT_FALSE(report->joined);
+    contradicted += report->rejected.starts_with("both are aligned to the world") ? 1 : 0;
+  }
+  EXPECT_GT(contradicted, 0);
+  EXPECT_EQ(extended.map()->LiveComponents(), (std::vector<ComponentId>{ComponentId(1), ComponentId(2)}));
+}
+
 // Two rooms that have nothing in common.
 TEST(FeatureMapper, ASessionElsewhereStaysAComponentOfItsOwn) {
   const FirstVisit visit;

@@ -7,7 +7,6 @@
 #include "absl/strings/str_format.h"
 #include "map/lens.h"
 #include "mapping/adjustment_problem.h"
-#include "optimization/lens_adjustment.h"
 #include "optimization/reprojection.h"
 
 namespace cairn::mapping {
@@ -35,7 +34,10 @@ double PriorSigmas(const LensCorrection& lens) {
                    std::abs(lens.k2) / prior.k2_sigma});
 }
 
-LensReport Judge(const optimization::LensResult& result, const Pinhole& pinhole, const LensRefinementOptions& options) {
+}  // namespace
+
+LensReport JudgeLens(const optimization::LensResult& result, const Pinhole& pinhole,
+                     const LensRefinementOptions& options) {
   LensReport report;
   report.lens = result.lens;
   report.gain = result.gain;
@@ -46,6 +48,7 @@ LensReport Judge(const optimization::LensResult& result, const Pinhole& pinhole,
                                             report.shift.rms_px, report.shift.max_px);
   if (!(report.shift.max_px <= options.max_shift_share * diagonal_px) ||
       !(PriorSigmas(result.lens) <= options.max_sigmas)) {
+    report.another_camera = true;
     report.reason = absl::StrCat("not corrected: the images suggest another camera (", found, "); calibrate it");
   } else if (!(report.gain >= options.min_gain)) {
     report.reason = "as calibrated: the images say nothing else";
@@ -55,8 +58,6 @@ LensReport Judge(const optimization::LensResult& result, const Pinhole& pinhole,
   }
   return report;
 }
-
-}  // namespace
 
 absl::Status LensRefinementOptions::Validate() const {
   if (!(min_gain > 0.0)) return absl::InvalidArgumentError("lens refinement: min_gain must be positive");
@@ -78,7 +79,7 @@ absl::StatusOr<std::optional<LensReport>> RefineLens(map::Edit& edit, std::span<
   // Too few observations, or equations without an answer: the calibration stays.
   if (absl::IsFailedPrecondition(result.status()) || absl::IsInternal(result.status())) return std::nullopt;
   CAIRN_RETURN_IF_ERROR(result.status());
-  const LensReport report = Judge(*result, edit.pinhole(camera), options);
+  const LensReport report = JudgeLens(*result, edit.pinhole(camera), options);
   if (!report.applied) return report;
 
   KeepScale(built, &result->camera_from_map, &result->points);

@@ -9,6 +9,7 @@
 #include "base/status.h"
 #include "geometry/lens_correction.h"
 #include "map/edit.h"
+#include "optimization/lens_adjustment.h"
 
 namespace cairn::mapping {
 
@@ -27,11 +28,16 @@ struct LensRefinementOptions {
 
 struct LensReport {
   bool applied = false;
+  bool another_camera = false;  // too far from the calibration for a remainder of it
   LensCorrection lens;
   LensCorrection::Shift shift;  // by which it moves pixels
   double gain = 0.0;            // see LensResult
   std::string reason;           // for people
 };
+
+// What an adjustment has found of a camera, against what may be left of its calibration.
+LensReport JudgeLens(const optimization::LensResult& result, const Pinhole& pinhole,
+                     const LensRefinementOptions& options);
 
 // `keyframes`, all of `camera`, have just been adjusted. If a lens is found, the camera, keypoints, poses and points in
 // `edit` become those that fit it. Nothing if there is too little to tell, or the camera has a correction already.
