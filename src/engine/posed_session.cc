@@ -29,7 +29,13 @@ absl::Status PosedSession::AddFrame(const RawFrame& frame, const SE3& world_from
 
 absl::StatusOr<mapping::PosedMapperReport> PosedSession::Finish() {
   const SessionHead::Turn turn(&head_);
-  CAIRN_ASSIGN_OR_RETURN(mapping::PosedMapperReport report, mapper_->Finish());
+  const absl::StatusOr<mapping::PosedMapperReport> report = mapper_->Finish();
+  if (!report.ok()) {
+    if (session_.policy == map::SessionPolicy::kExtend) {  // nothing of it is left open in a map that is there
+      CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !deterministic_, std::nullopt, head_));
+    }
+    return report.status();
+  }
   const auto& touched = head_.View()->map().sessions().at(session_.id).components;
   if (!touched.empty()) component_ = touched.back();
   CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !deterministic_, std::nullopt, head_));

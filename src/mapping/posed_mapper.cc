@@ -8,12 +8,16 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_format.h"
+#include "base/angles.h"
 #include "base/median.h"
 #include "image/orb_extractor.h"
 #include "mapping/grid_cache.h"
 #include "mapping/local_adjustment.h"
+#include "mapping/loop_options.h"
 #include "mapping/new_points.h"
 #include "mapping/point_fusion.h"
+#include "tracking/relocalizer.h"
 
 namespace cairn::mapping {
 namespace {
@@ -78,6 +82,7 @@ class PosedMapper::Impl {
   };
 
   absl::Status CheckFit(PoseCheck* fit) const;
+  absl::Status CheckAgainstMap(PosedMapperReport* report) const;
   void Insert(map::Edit& edit, std::size_t index);
   std::vector<KeyframeId> Partners(const map::Edit& edit, KeyframeId id, bool only_older) const;
   DepthRange RangeOf(const map::Edit& edit, KeyframeId id, std::span<const KeyframeId> partners) const;
@@ -265,6 +270,41 @@ absl::Status PosedMapper::Impl::CheckFit(PoseCheck* fit) const {
   return absl::FailedPreconditionError(message);
 }
 
+// Where the map has what the views see, it must be where their poses say: one place must not be there twice.
+absl::Status PosedMapper::Impl::CheckAgainstMap(PosedMapperReport* report) const {
+  constexpr std::size_t kMostViews = 60;
+  constexpr int kMinContradictions = 3;
+  const std::shared_ptr<const tracking::MapView> view = head_->View();
+  if (view->places() == nullptr) return absl::OkStatus();
+  const LoopOptions same;  // what counts as the same pose where a place is proven
+  const tracking::Relocalizer relocalizer;
+  std::vector<double> gaps;
+  for (std::size_t i = 0; i < views_.size(); i += views_.size() / kMostViews + 1) {
+    const map::Keyframe& keyframe = views_[i].keyframe;
+    CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
+                           relocalizer.Relocalize(*map_, *view->places(), pinhole_, keyframe.features->features,
+                                                  {.only = component_, .except = {}}));
+    if (!found.localized) continue;
+    ++report->found_in_map;
+    std::vector<double> depths;
+    for (const tracking::PointObservation& inlier : found.inliers) {
+      depths.push_back((found.camera_from_map * map_->point(inlier.point).position).z());
+    }
+    const SE3 difference = keyframe.camera_from_map * found.camera_from_map.Inverse();
+    const double gap = difference.translation().norm();
+    if (gap > same.max_neighbour_shift * Median(std::move(depths)) ||
+        AngleRad(difference.rotation()) > same.max_neighbour_turn_deg * kRadPerDeg) {
+      gaps.push_back(gap / map_from_world_.scale());
+    }
+  }
+  const auto contradictions = static_cast<int>(gaps.size());
+  if (contradictions < kMinContradictions || 2 * contradictions <= report->found_in_map) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrFormat(
+      "the given poses contradict the map: of %d images that are found in it, %d are elsewhere, %.3g from their pose "
+      "in the middle. Are the poses in the world that the map is aligned to?",
+      report->found_in_map, contradictions, Median(std::move(gaps))));
+}
+
 void PosedMapper::Impl::DropUnconnected(map::Edit& edit, PosedMapperReport* report) {
   for (const KeyframeId id : ids_) {
     const auto& points = edit.keyframe(id).points;
@@ -278,6 +318,9 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::Finish() {
   finished_ = true;
   map_ = head_->View()->snapshot();  // others may have changed it
   component_ = AlignedComponent(*map_);
+  PosedMapperReport report;
+  CAIRN_RETURN_IF_ERROR(CheckFit(&report.fit));
+  if (component_) CAIRN_RETURN_IF_ERROR(CheckAgainstMap(&report));
   map::Edit edit(map_);
   if (!component_) {
     map::Component component;
@@ -289,8 +332,6 @@ absl::StatusOr<PosedMapperReport> PosedMapper::Impl::Finish() {
   map::Session session = edit.session(session_);
   session.components = {component_};
   edit.PutSession(session);
-  PosedMapperReport report;
-  CAIRN_RETURN_IF_ERROR(CheckFit(&report.fit));
   for (std::size_t i = 0; i < views_.size(); ++i) Insert(edit, i);
   if (scene_depth_ == 0.0) {
     return absl::FailedPreconditionError(

@@ -45,7 +45,8 @@ struct PosedImage {
 };
 
 struct PosedMapperReport {
-  PoseCheck fit;  // of the given poses
+  PoseCheck fit;         // of the given poses
+  int found_in_map = 0;  // of the views looked for in the map that was there before, to check their poses
   int keyframes = 0;
   int keyframes_without_points = 0;  // left out of the map: nothing in them could be triangulated
   int points = 0;
@@ -68,8 +69,8 @@ class PosedMapper {
   absl::StatusOr<int> Add(const PosedImage& image);
 
   // While the head is the caller's: matches, triangulates, adjusts and commits: the map is complete after it.
-  // FailedPrecondition if fewer than two views share points, or the poses do not fit the images. Nothing may be added
-  // afterwards.
+  // FailedPrecondition if fewer than two views share points, or the poses do not fit the images, or not what the map
+  // shows of the same place. Nothing may be added afterwards.
   absl::StatusOr<PosedMapperReport> Finish();
 
  private:

@@ -77,12 +77,15 @@ absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
                {"observations", report.observations},
                {"rmse_px", report.rmse_px},
                {"poses_fit_share", report.fit.share},
+               {"images_found_in_map", report.found_in_map},
                {"poses_inverted_fit_share", report.fit.inverted_share}});
   } else {
     std::printf("%s: %d keyframes with given poses, %d points, reprojection %.2f px RMSE\n", options.map.c_str(),
                 report.keyframes, report.points, report.rmse_px);
     std::printf("  the given poses explain %.0f %% of %d matches between %d pairs of images\n",
                 100.0 * report.fit.share, report.fit.matches, report.fit.pairs);
+    if (report.found_in_map > 0)
+      std::printf("  %d images were found in the map, where they are\n", report.found_in_map);
     if (skipped.count() > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped.count()));
     if (interrupt->exit_code() != 0) std::printf("  interrupted: the map holds the images up to there\n");
   }
