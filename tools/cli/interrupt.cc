@@ -16,6 +16,8 @@
 namespace cairn::cli {
 namespace {
 
+constexpr int kRepetitionMs = 500;  // without a signal, until one is a second one
+
 sigset_t WatchedSignals() {
   sigset_t signals;
   sigemptyset(&signals);
@@ -74,7 +76,13 @@ void InterruptWatch::Wait() {
       stop_();
     }
   }
-  // The next one takes its usual course, in this thread.
+  // A terminal that closes hangs up more than once, and who ends a process often signals its group as well: neither is
+  // impatience. After that the next one takes its usual course, in this thread.
+  std::signal(SIGHUP, SIG_IGN);
+  watched[0].revents = 0;
+  while (poll(watched, 2, kRepetitionMs) > 0 && (watched[1].revents & POLLIN) == 0) {
+    if (read(signal_fd_, &info, sizeof(info)) != sizeof(info)) break;
+  }
   pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);
   while (poll(&watched[1], 1, -1) < 0) {
   }

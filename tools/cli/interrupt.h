@@ -1,5 +1,6 @@
 // Ctrl-C (SIGINT), SIGTERM, and the end of the terminal (SIGHUP, unless nohup says to ignore it) end a verb early but
-// in order: what was done so far is finished and written. A second signal ends the process at once. Meanwhile a reader
+// in order: what was done so far is finished and written. A second one, but of SIGHUP, ends the process at once.
+// Meanwhile a reader
 // of the output that goes away (SIGPIPE) ends nothing.
 #pragma once
 
