@@ -54,6 +54,7 @@ void LivePoses::Publish(std::shared_ptr<const map::Snapshot> map, const mapping:
     const map::Keyframe* reference = entry->reference ? state->map->keyframes().Find(entry->reference) : nullptr;
     if (reference == nullptr || !(entry->map_per_direct > 0.0)) continue;
     state->segment = entry->segment;
+    state->component = reference->component;
     state->map_from_camera = reference->camera_from_map.Inverse() * entry->reference_from_camera;
     state->direct_from_camera = entry->direct_from_camera;
     state->map_per_direct = entry->map_per_direct;
@@ -90,11 +91,13 @@ PosesInMap LivePoses::All(const direct::Odometry& odometry) const {
   return poses;
 }
 
-std::optional<SE3> LivePoses::Of(const direct::FrameResult& frame) const {
+std::optional<LivePose> LivePoses::Of(const direct::FrameResult& frame) const {
   const std::shared_ptr<const State> state = Current();
   if (!state || frame.keyframe < 0 || frame.segment != state->segment) return std::nullopt;
   const SE3 motion = state->direct_from_camera.Inverse() * frame.direct_from_camera;
-  return state->map_from_camera * SE3(motion.rotation(), state->map_per_direct * motion.translation());
+  return LivePose{state->component,
+                  state->map_from_camera * SE3(motion.rotation(), state->map_per_direct * motion.translation()),
+                  state->map->WorldFrom(state->component)};
 }
 
 }  // namespace cairn::engine

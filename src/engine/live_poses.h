@@ -24,6 +24,18 @@ struct FramePose {
   ComponentId component;  // in whose frame the pose is; none without a pose
 };
 
+// Of a frame that was just tracked, as far as was known then.
+struct LivePose {
+  ComponentId component;
+  SE3 map_from_camera;                       // frame and unit of that component ...
+  std::optional<Sim3> world_from_component;  // ... which lies there in the world, if it is aligned
+
+  // In metres if aligned.
+  SE3 WorldFromCamera() const {
+    return world_from_component ? world_from_component->TransformPose(map_from_camera) : map_from_camera;
+  }
+};
+
 // Frames against the keyframes that they hang on, both in temporal order.
 struct PosesInMap {
   std::vector<FramePose> frames;
@@ -40,7 +52,7 @@ class LivePoses {
   PosesInMap All(const direct::Odometry& odometry) const;
   // One frame that was just tracked, by the odometry's motion since the last keyframe that was found in the map; none
   // while its segment has no such keyframe. O(1). The refined trajectory in any case.
-  std::optional<SE3> Of(const direct::FrameResult& frame) const;
+  std::optional<LivePose> Of(const direct::FrameResult& frame) const;
 
  private:
   struct State {
@@ -49,6 +61,7 @@ class LivePoses {
     bool refined = true;
     // The last keyframe that was found in the map.
     std::int64_t segment = -1;
+    ComponentId component;
     SE3 map_from_camera;
     SE3 direct_from_camera;
     double map_per_direct = 1.0;

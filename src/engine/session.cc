@@ -97,7 +97,7 @@ class Session::Impl : public LiveMap::Listener {
     return where_;
   }
   std::vector<FramePose> FramePoses() const { return poses_.All(runner_->odometry()).frames; }
-  std::optional<SE3> PoseInMap(const direct::FrameResult& frame) const { return poses_.Of(frame); }
+  std::optional<LivePose> PoseInMap(const direct::FrameResult& frame) const { return poses_.Of(frame); }
 
   absl::StatusOr<SessionReport> Finish() {
     CAIRN_RETURN_IF_ERROR(runner_->Finish());
@@ -107,6 +107,9 @@ class Session::Impl : public LiveMap::Listener {
     CAIRN_RETURN_IF_ERROR(jobs_.status());
     const SessionHead::Turn turn(&head_);
     if (!mapper_->component()) {
+      if (session_.policy == map::SessionPolicy::kExtend) {  // nothing of it is left open in a map that is there
+        CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, std::nullopt, head_));
+      }
       const std::string& waited = runner_->waiting_for();
       return absl::FailedPreconditionError(absl::StrCat(
           session_.policy == map::SessionPolicy::kCreate ? "no map was made: " : "nothing was added to the map: ",
@@ -216,7 +219,7 @@ class Session::Impl : public LiveMap::Listener {
     if (!others) return;
     NoteSeen(time_ns, other);
     const std::lock_guard lock(where_mutex_);
-    where_.joined = true;
+    if (!where_.joined_ns) where_.joined_ns = time_ns;
   }
 
   // Packets of keyframes that were still active have poses that changed afterwards; the frames hang on the last ones.
@@ -249,7 +252,7 @@ class Session::Impl : public LiveMap::Listener {
     report.component = mapper_->component();
     report.result = map.sessions().at(session_.id).result;
     const Whereabouts where = Where();
-    if (where.joined) report.located = where.located;
+    if (where.joined_ns) report.located = where.located;
     report.join_times_ns = join_times_ns_;
     report.frames = static_cast<std::int64_t>(report.frame_poses.size());
     report.direct_keyframes = static_cast<std::int64_t>(report.keyframe_poses.size());
@@ -305,7 +308,7 @@ const FramePreparation& Session::preparation() const { return impl_->preparation
 std::int64_t Session::KeyframesInMap() const { return impl_->KeyframesInMap(); }
 Session::Whereabouts Session::Where() const { return impl_->Where(); }
 std::vector<FramePose> Session::FramePoses() const { return impl_->FramePoses(); }
-std::optional<SE3> Session::PoseInMap(const direct::FrameResult& frame) const { return impl_->PoseInMap(frame); }
+std::optional<LivePose> Session::PoseInMap(const direct::FrameResult& frame) const { return impl_->PoseInMap(frame); }
 absl::StatusOr<SessionReport> Session::Finish() { return impl_->Finish(); }
 
 }  // namespace cairn::engine

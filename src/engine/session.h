@@ -120,8 +120,8 @@ class Session {
   struct Whereabouts {
     ComponentId component;  // none before the first keyframe
     std::optional<LocatedAt>
-        located;          // as soon as an image was found in a component that was there before, proven or not
-    bool joined = false;  // and proven
+        located;  // as soon as an image was found in a component that was there before, proven or not
+    std::optional<TimeNs> joined_ns;  // and proven: of the keyframe that did
   };
   Whereabouts Where() const;
 
@@ -129,7 +129,7 @@ class Session {
   // of the report. From any thread at any time; nobody who tracks or maps waits for it longer than a copy takes.
   std::vector<FramePose> FramePoses() const;
   // Of one answer of AddFrame(), in the component that the session is in now. None while nothing links it to the map.
-  std::optional<SE3> PoseInMap(const direct::FrameResult& frame) const;
+  std::optional<LivePose> PoseInMap(const direct::FrameResult& frame) const;
 
   // Ends the stream, waits for the feature module, closes the session in the map. FailedPrecondition, saying what the
   // odometry waited for, if there never was a map.

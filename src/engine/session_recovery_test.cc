@@ -176,9 +176,9 @@ TEST(SessionLivePoses, FollowEveryChangeOfTheMap) {
       if (at >= before.size() || !before[at].map_from_camera) return;
       moved += (before[at].map_from_camera->Inverse() * *now[at].map_from_camera).Log().norm() > 1e-7 ? 1 : 0;
     });
-    if (const std::optional<SE3> pose = (*session)->PoseInMap(*result)) {
+    if (const std::optional<LivePose> pose = (*session)->PoseInMap(*result)) {
       ++live;
-      EXPECT_LT((now.back().map_from_camera->Inverse() * *pose).Log().norm(), 1e-3) << frame.index;
+      EXPECT_LT((now.back().map_from_camera->Inverse() * pose->map_from_camera).Log().norm(), 1e-3) << frame.index;
     }
     before = now;
   }

@@ -93,8 +93,32 @@ class Office(unittest.TestCase):
         self.assertEqual(sum(session['keyframes'] for session in self.info['sessions']), self.info['keyframes'])
         self.assertTrue(all(session['complete'] for session in self.info['sessions']))
 
+    def test_a_calibration_of_another_camera_is_not_believed(self):
+        """What is mapped with it would be wrong in the map, and everyone who is located there as well."""
+        camera = self.folder / 'wrong.yaml'
+        camera.write_text('model: pinhole\nresolution_px: [800, 500]\nintrinsics_px: [610, 610, 399.5, 249.5]\n')
+        file = pathlib.Path(shutil.copy(self.first_only, self.folder / 'wrong.cairn'))
+        report = must('run', self.visits[1], '--map', file, '--extend', '--camera', camera, '--deterministic')
+        self.assertEqual((report['result'], report['joined']), ('apart', []))
+        self.assertTrue(any('calibrat' in reason for reason in report['joins_rejected']), report['joins_rejected'])
+
+    def test_given_poses_are_held_against_the_map(self):
+        """One place must not be in the map twice."""
+        poses = [line.split() for line in open(self.visits[1] / 'groundtruth_cam0.txt') if not line.startswith('#')]
+        for shift, code in ((1.5, 1), (0.0, 0)):
+            given = self.folder / 'given.txt'
+            given.write_text(''.join(' '.join([t, str(float(x) + shift), *rest]) + '\n' for t, x, *rest in poses))
+            file = pathlib.Path(shutil.copy(self.first_only, self.folder / 'given.cairn'))
+            answer = cairn('run', self.visits[1], '--poses', given, '--map', file, '--extend', '--stride', 8)
+            self.assertEqual(answer.code, code, answer.err)
+            if code:
+                self.assertIn('contradict the map', answer.json['error'])
+                self.assertEqual(must('info', file)['keyframes'], must('info', self.first_only)['keyframes'])
+            else:
+                self.assertGreater(answer.json['images_found_in_map'], 3)
+
     def test_people_are_told_where_the_session_is(self):
-        for visit, says in ((self.visits[1], r'found in component 1 after \d+\.\d s'), (self.visits[2], r'component 2, a place of its own')):
+        for visit, says in ((self.visits[1], r'looks like component 1 after \d+\.\d s'), (self.visits[2], r'component 2, a place of its own')):
             file = pathlib.Path(shutil.copy(self.first_only, self.folder / 'people.cairn'))
             answer = cairn('run', visit, '--until', 3, '--map', file, '--extend', json_output=False)
             self.assertEqual(answer.code, 0, answer.err)
@@ -115,7 +139,7 @@ class Rooms(unittest.TestCase):
             folder = pathlib.Path(name)
             first = render(folder, 'rooms', 1, 1, '--rate', 15)
             second = render(folder, 'rooms', 1, 2, '--rate', 15, '--overlap-with', 1)
-            shared = [float(line.split()[1]) for line in open(second / 'overlap.txt') if not line.startswith('#')]
+            shared = [float(line.split()[1]) for line in (second / 'overlap.txt').read_text().splitlines() if not line.startswith('#')]
             self.assertEqual(shared[0], 0.0)
             begins_s = next(k for k in range(len(shared)) if min(shared[k:k + 8]) >= 0.3) / 15
             file, frames = folder / 'rooms.cairn', folder / 'frames.txt'

@@ -233,6 +233,9 @@ void PrintOutcome(const Outcome& o) {
   }
 }
 
+// Fewer residuals do not show their own spread: the error is many times what they claim.
+constexpr std::size_t kMinPairs = 7;
+
 absl::Status Store(engine::LiveMap::Editor& editor, ComponentId id, const Sim3& world_from_component) {
   map::Edit edit(editor.View()->snapshot());
   map::Component component = edit.component(id);
@@ -247,7 +250,14 @@ absl::StatusOr<PoseAlignment> Solve(const std::vector<Target>& targets, std::siz
   const Target& target = targets[chosen];
   if (target.world_from_component && !options.overwrite) {
     return absl::AlreadyExistsError(absl::StrCat("component ", target.component.value(), " of ", options.map,
-                                                 " is aligned already: give --overwrite to align it anew"));
+                                                 " is aligned already: give --overwrite to align it anew",
+                                                 targets.size() > 1 ? ", or --component for another one" : ""));
+  }
+  if (!target.pairs.empty() && target.pairs.size() < kMinPairs) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("only ", target.pairs.size(), " of ", target.keyframes.size(), " keyframes of component ",
+                     target.component.value(), " have a pose within ", options.max_dt_s, " s in ", options.groundtruth,
+                     "; at least ", kMinPairs, " are needed to tell how far off the alignment may be"));
   }
   const eval::PairedPoses poses = eval::PosesOf(target.keyframes, reference, target.pairs);
   absl::StatusOr<PoseAlignment> found = AlignPoses(poses.groundtruth, poses.estimate, options.solver);

@@ -124,9 +124,10 @@ void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const s
         "  session %lld: %s, camera %lld, %.1f s, %lld keyframes%s, by cairn %s%s%s\n", session["id"].get<long long>(),
         session["source"].get<std::string>().c_str(), session["camera"].get<long long>(),
         session["duration_s"].get<double>(), session["keyframes"].get<long long>(),
-        session["result"] == "located" ? ", found in an earlier component"
-        : session["result"] == "apart" ? ", never found in an earlier component"
-                                       : "",
+        session["keyframes"] == 0        ? ", added nothing"
+        : session["result"] == "located" ? ", in an earlier component"
+        : session["result"] == "apart"   ? ", joined to no earlier component"
+                                         : "",
         session["software_version"].get<std::string>().c_str(),
         session["started"].get<std::string>().empty() ? "" : (" on " + session["started"].get<std::string>()).c_str(),
         session["complete"].get<bool>() ? "" : " (running, or cut off)");

@@ -58,7 +58,8 @@ void AddRunCommand(CLI::App& app, Action* action) {
       "--live-poses", options->live_poses,
       "Write the pose of each frame in the map to this file as soon as it is tracked (TUM format, a "
       "line each): what was known then, without what loops and adjustments improved since. There is none before "
-      "the first keyframes are in the map, which comes after they have left the odometry's window");
+      "the first keyframes are in the map, which comes after they have left the odometry's window. A comment line says "
+      "whose frame follows: another one once a session is joined to what was there; the world where that is aligned");
   verb->add_option("--keyframes", options->keyframes,
                    "Write the poses of the map's keyframes to this file (TUM format)");
   CLI::Option* poses =

@@ -140,13 +140,18 @@ std::string WhereItIs(const engine::SessionReport& report, const map::Session& s
   const auto seconds = [&](TimeNs time_ns) { return absl::StrFormat("%.1f s", ToSeconds(time_ns - session.first_ns)); };
   if (report.located) {
     // Found before there was a component of its own to speak of, or with it.
-    const mapping::JoinReport& join = report.joins.front();
+    const mapping::JoinReport& first = report.joins.front();
     const std::string joined = seconds(report.join_times_ns.front());
-    if (report.located->time_ns < report.join_times_ns.front()) {
-      return absl::StrCat("found in component ", report.located->component.value(), " after ",
-                          seconds(report.located->time_ns), ", proven and joined at ", joined);
+    std::string text = report.located->time_ns < report.join_times_ns.front()
+                           ? absl::StrCat("found in component ", report.located->component.value(), " after ",
+                                          seconds(report.located->time_ns), ", proven and joined at ", joined)
+                           : absl::StrCat("component ", first.component.value(), ", joined component ",
+                                          first.into.value(), " at ", joined);
+    for (std::size_t i = 1; i < report.joins.size(); ++i) {
+      absl::StrAppend(&text, "; component ", report.joins[i].component.value(), " joined component ",
+                      report.joins[i].into.value(), " at ", seconds(report.join_times_ns[i]));
     }
-    return absl::StrCat("component ", join.component.value(), ", joined component ", join.into.value(), " at ", joined);
+    return text;
   }
   if (session.policy == map::SessionPolicy::kCreate) return "";
   std::string text =
@@ -229,8 +234,8 @@ void PrintReport(const RunOptions& options, const engine::SessionReport& report,
   if (report.lens) std::printf("  lens %s\n", report.lens->reason.c_str());
   std::printf("  keyframes of the odometry in the feature module: %s\n", StateSummary(report.keyframe_reports).c_str());
   if (report.odometry.recoveries > 0) {
-    std::printf("  the odometry was lost and found in the map %lld times\n",
-                static_cast<long long>(report.odometry.recoveries));
+    std::printf("  the odometry began at a view that the map knows: %lld of %lld starts\n",
+                static_cast<long long>(report.odometry.recoveries), static_cast<long long>(report.odometry.segments));
   }
   if (report.feature_losses > 0) {
     std::printf("  the feature map was lost %lld times%s\n", static_cast<long long>(report.feature_losses),
@@ -386,17 +391,18 @@ class WhereWatch {
   WhereWatch(const engine::Session& session, TimeNs first_ns, bool quiet)
       : session_(session), first_ns_(first_ns), quiet_(quiet) {}
 
-  void Look(TimeNs time_ns) {
+  void Look() {
     if (quiet_) return;
     const engine::Session::Whereabouts where = session_.Where();
     if (where.located && !seen_) {
       seen_ = true;
-      Say(absl::StrFormat("found in component %u after %.1f s", where.located->component.value(),
-                          ToSeconds(where.located->time_ns - first_ns_)));
+      Say(absl::StrFormat("looks like component %u after %.1f s; joined as soon as that is proven",
+                          where.located->component.value(), ToSeconds(where.located->time_ns - first_ns_)));
     }
-    if (where.joined && !joined_) {
+    if (where.joined_ns && !joined_) {
       joined_ = true;
-      Say(absl::StrFormat("joined to component %u at %.1f s", where.component.value(), ToSeconds(time_ns - first_ns_)));
+      Say(absl::StrFormat("joined to component %u at %.1f s", where.component.value(),
+                          ToSeconds(*where.joined_ns - first_ns_)));
     }
   }
 
@@ -420,9 +426,17 @@ class LiveFile {
     if (!file_) Fail();
   }
 
-  void Write(TimeNs time_ns, const SE3& pose) {
+  void Write(TimeNs time_ns, const engine::LivePose& pose) {
     if (path_.empty() || !status_.ok()) return;
-    file_ << io::FormatTumLine({time_ns, pose}) << std::flush;
+    const bool in_world = pose.world_from_component.has_value();
+    if (pose.component != component_ || in_world != in_world_) {
+      file_ << "# component " << pose.component.value() << ", "
+            << (in_world ? "world_from_camera, metres" : "map_from_camera, in the frame and unit of the component")
+            << ", from here on\n";
+      component_ = pose.component;
+      in_world_ = in_world;
+    }
+    file_ << io::FormatTumLine({time_ns, pose.WorldFromCamera()}) << std::flush;
     if (!file_) return Fail();
     ++count_;
   }
@@ -438,6 +452,8 @@ class LiveFile {
   const std::string path_;
   std::ofstream file_;
   std::int64_t count_ = 0;
+  ComponentId component_;
+  bool in_world_ = false;
   absl::Status status_;
 };
 
@@ -455,9 +471,9 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   WhereWatch where(*session, run.session_source.first_ns, options.json || !options.extend);
   const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
-    where.Look(frame.time_ns);
+    where.Look();
     if (live.count()) {
-      if (const std::optional<SE3> pose = session->PoseInMap(result)) live.Write(result.time_ns, *pose);
+      if (const std::optional<engine::LivePose> pose = session->PoseInMap(result)) live.Write(result.time_ns, *pose);
     }
     const bool waits = result.state == direct::TrackingState::kInitializing;
     return waits ? result.message : absl::StrCat(session->KeyframesInMap(), " keyframes");
