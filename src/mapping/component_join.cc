@@ -6,7 +6,6 @@
 #include <unordered_set>
 #include <utility>
 
-#include "absl/strings/str_format.h"
 #include "base/angles.h"
 #include "base/median.h"
 #include "mapping/local_adjustment.h"
@@ -226,9 +225,7 @@ bool ComponentJoiner::AlignmentsAgree(const map::Snapshot& map, const Loop& over
       gap->turn_deg <= options_.overlap.max_neighbour_turn_deg) {
     return true;
   }
-  report->rejected = absl::StrFormat(
-      "both are aligned to the world, and there they are %.3g apart and turned by %.2g degrees: align one anew",
-      gap->shift, gap->turn_deg);
+  report->rejected = "both are aligned to the world, but not to the same place in it: align one anew";
   return false;
 }
 
@@ -250,9 +247,7 @@ bool ComponentJoiner::CameraFits(const map::Snapshot& map, const Sighting& newes
   if (!result.ok()) return true;  // too little to tell
   const LensReport lens = JudgeLens(*result, map.pinhole(camera), options_.lens);
   if (!lens.another_camera || lens.gain < options_.lens.min_gain) return true;
-  report->rejected = absl::StrFormat(
-      "the camera does not see there what its calibration says, a focal length x %.3f would: calibrate it",
-      lens.lens.focal_scale);
+  report->rejected = "the camera does not see there what its calibration says: calibrate it";
   return false;
 }
 
@@ -362,8 +357,7 @@ absl::StatusOr<JoinReport> ComponentJoiner::Process(KeyframeId keyframe_id, std:
     if (!overlap) {
       report.rejected = report.evidence.rejected;
     } else if (!SightingsAgree(map, sighting, *overlap, &report)) {
-      report.rejected = absl::StrCat(report.sightings_agreeing, " of ", report.sightings_checked,
-                                     " keyframes found there agree, at least ", options_.min_sightings, " needed");
+      report.rejected = "too few keyframes found there agree";
     } else {
       report.rejected.clear();
       break;

@@ -72,6 +72,46 @@ TEST(LoopCloser, FindsAndClosesALoopWithScaleDrift) {
   EXPECT_EQ(run.report.correction.scales.at(run.report.loop), 1.0);
 }
 
+// Also when the drift is that of the aligned part, and the new session hangs on both its ends.
+TEST(LoopCloser, WhatIsAlignedStaysWhereItIs) {
+  Ring ring;
+  auto closer = LoopCloser::Create();
+  ASSERT_TRUE(closer.ok());
+  constexpr int kFirst = 85;
+  Round run;
+  std::shared_ptr<const map::Snapshot> before;
+  while (!run.report.closed && run.keyframes < 110) {
+    if (run.keyframes == kFirst) {
+      ring.AlignAndBeginSession();
+      before = ring.map();
+    }
+    auto report = closer->Process(ring.AddKeyframe(), ring.head());
+    ASSERT_TRUE(report.ok()) << report.status();
+    run.report = *std::move(report);
+    ++run.keyframes;
+  }
+  ASSERT_TRUE(run.report.closed) << run.report.evidence.rejected;
+  ASSERT_TRUE(before != nullptr) << run.keyframes;
+  const SessionId first = ring.map()->keyframe(KeyframeId(1)).session;
+  int held = 0, moved = 0;
+  ring.map()->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
+    const map::Keyframe* was = before->keyframes().Find(keyframe->id);
+    if (keyframe->session != first) return;
+    ASSERT_NE(was, nullptr);
+    ++held;
+    moved += (was->camera_from_map.Matrix() - keyframe->camera_from_map.Matrix()).norm() > 0.0 ? 1 : 0;
+  });
+  EXPECT_EQ(held, kFirst);
+  EXPECT_GT(std::ranges::count_if(ring.map()->keyframe(run.report.current).covisible,
+                                  [](const map::CovisibilityEdge& edge) {
+                                    return edge.keyframe > KeyframeId(60) && edge.keyframe <= KeyframeId(kFirst);
+                                  }),
+            0)
+      << "current " << run.report.current.value() << ": the session does not hang on the far end, this shows nothing";
+  EXPECT_EQ(moved, 0);
+  EXPECT_TRUE(ring.map()->CheckConsistency().ok()) << ring.map()->CheckConsistency();
+}
+
 TEST(LoopCloser, IsDeterministic) {
   Ring first, second;
   ASSERT_TRUE(GoRound(&first, 110).report.closed);

@@ -43,15 +43,18 @@ class Corrector {
   }
 
  private:
+  bool Held(KeyframeId id) const { return IsHeld(base_, base_.keyframe(id), base_.keyframe(loop_.current).session); }
+
   Sim3 Before(KeyframeId id) const { return Sim3(base_.keyframe(id).camera_from_map); }
 
-  // The current keyframe and those covisible with it go where the similarity puts them, with their points.
+  // The current keyframe and those covisible with it go where the similarity puts them, with their points; what is held
+  // stays, and the points that it knows best.
   void MoveNeighbourhood() {
     const map::Keyframe& current = base_.keyframe(loop_.current);
     const Sim3 current_from_map = loop_.current_from_loop * Before(loop_.loop);
     corrected_[current.id] = current_from_map;
     for (const KeyframeId id : map::BestCovisible(current)) {
-      if (std::ranges::find(loop_.loop_side, id) != loop_.loop_side.end()) continue;
+      if (Held(id) || std::ranges::find(loop_.loop_side, id) != loop_.loop_side.end()) continue;
       corrected_[id] = Sim3(base_.keyframe(id).camera_from_map * current.camera_from_map.Inverse()) * current_from_map;
     }
     for (const auto& [id, camera_from_map] : corrected_) {
@@ -59,6 +62,7 @@ class Corrector {
         if (!point || moved_by_.contains(point)) continue;
         // With the keyframe that knows it best, if that moves as well.
         const KeyframeId reference = base_.point(point).reference.keyframe;
+        if (Held(reference)) continue;
         const KeyframeId by = corrected_.contains(reference) ? reference : id;
         moved_by_[point] = by;
         edit_.SetPosition(point, corrected_[by].Inverse() * (Before(by) * base_.point(point).position));
@@ -118,15 +122,6 @@ class Corrector {
     return edges;
   }
 
-  // What stays where it is: the loop keyframe, and what is held unless the loop is one inside it.
-  bool Stays(KeyframeId id) const {
-    if (id == loop_.loop) return true;
-    const SessionId session = base_.keyframe(loop_.current).session;
-    const auto held = [&](KeyframeId keyframe) { return IsHeld(base_, base_.keyframe(keyframe), session); };
-    if (!held(id)) return false;
-    return std::ranges::none_of(corrected_, [&](const auto& moved) { return held(moved.first); });
-  }
-
   // Only what hangs together with the loop keyframe takes part.
   void ChooseKeyframes(const EssentialEdges& edges) {
     std::unordered_map<KeyframeId, std::vector<KeyframeId>> linked;
@@ -170,7 +165,7 @@ class Corrector {
     const EssentialEdges edges = Essential();
     ChooseKeyframes(edges);
     PoseGraphProblem problem;
-    for (const KeyframeId id : keyframes_) problem.nodes.push_back({Start(id), Stays(id)});
+    for (const KeyframeId id : keyframes_) problem.nodes.push_back({Start(id), id == loop_.loop || Held(id)});
     for (const auto& [pair, weight] : edges) {
       const auto& [a, b] = pair;
       if (!node_of_.contains(a)) continue;

@@ -74,6 +74,17 @@ class Ring {
     return id;
   }
 
+  // What there is so far is aligned to the world; another session goes on from here.
+  void AlignAndBeginSession() {
+    map::Edit edit(map());
+    map::Component component = edit.component(map()->keyframe(KeyframeId(1)).component);
+    component.world_from_component = Sim3();
+    edit.PutComponent(component);
+    map::Session session = edit.session(session_);
+    session_ = edit.AddSession(session);
+    EXPECT_TRUE(head_->Commit(edit.Finish("another session"), {}).ok());
+  }
+
   // Continues from where the newest keyframe is in the map by now; lengths around it have grown by `growth`.
   void GoOn(KeyframeId newest, double growth) {
     const SE3 map_from_camera = map()->keyframe(newest).camera_from_map.Inverse();
