@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstdio>
 #include <filesystem>
+#include <iostream>
 #include <map>
 
 #include "api/localizer.h"
@@ -107,7 +108,8 @@ struct Summary {
     lens = answer.lens;
     if (answer.localized) {
       ++localized;
-      if (std::ranges::find(together, answer.component) == together.end()) {
+      // A map that is aligned meanwhile: from then on its answers are in another frame.
+      if (std::ranges::find(together, answer.component) == together.end() || answer.world_is_metric != metric) {
         ++elsewhere;
       } else {
         poses.push_back({time_ns, answer.world_from_camera});
@@ -207,10 +209,23 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
   return answer.localized ? kOk : kNotLocalized;
 }
 
-// Every image until the end, an error, or `stop`.
-absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source, api::Localizer& localizer,
+// On to what others have added to the map since. False if that cannot be read any more: what is known still answers.
+bool Follow(client::LocalLocalizer& localizer, Summary* summary) {
+  const absl::StatusOr<bool> newer = localizer.Refresh();
+  if (!newer.ok()) {
+    std::cerr << "\ncairn localize: " << newer.status().message() << "; going on with revision "
+              << localizer.snapshot().revision() << "\n";
+    return false;
+  }
+  if (*newer && summary->metric) summary->together = TogetherInOneFrame(localizer.snapshot());
+  return true;
+}
+
+// Every image until the end, an error, or `stop`, each in the newest revision.
+absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source, client::LocalLocalizer& localizer,
                          const std::atomic<bool>& stop, SkippedFrames* skipped, Summary* summary) {
   Progress progress("localizing", source.info().num_frames, options.json || options.verbose);
+  bool follows = true;
   while (!stop) {
     CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, source.Next());
     if (!frame) break;
@@ -218,6 +233,7 @@ absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source
       skipped->Add(frame->path, frame->status);
       continue;
     }
+    follows = follows && Follow(localizer, summary);
     CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer,
                            localizer.Localize({frame->gray, source.info().camera, frame->time_ns}));
     summary->Add(answer, frame->time_ns);
@@ -303,7 +319,9 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
-      "Exit code 4 if no image was located.\n"
+      "Exit code 4 if no image was located. Beside a session that extends the map each image is looked for in the "
+      "newest "
+      "revision.\n"
       "Examples:\n"
       "  cairn localize second_visit --camera camera.yaml --map office.cairn --independent --out poses.txt\n"
       "  cairn localize photo.jpg --camera camera.yaml --map office.cairn");
