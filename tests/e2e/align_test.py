@@ -53,6 +53,12 @@ class Align(unittest.TestCase):
         path.write_text(''.join(' '.join(f'{value:.9f}' for value in pose) + '\n' for pose in poses))
         return path
 
+    def test_a_session_can_be_named_and_few_keyframes_are_not_enough(self):
+        self.assertIn('no session 9', self.refused(self.map, self.camera, '--session', 9))
+        few = self.write('few.txt', [pose for pose in read_poses(self.camera) if pose[0] < read_poses(self.camera)[0][0] + 1.5])
+        self.assertIn('at least 7', self.refused(self.map, few))
+        self.assertEqual(self.align(self.camera, '--session', 1)['component'], 1)
+
     def test_the_cameras_poses(self):
         self.assertEqual(self.truth['orientations'], 'camera')
         self.assertEqual(self.truth['inliers'], self.truth['keyframes_used'])

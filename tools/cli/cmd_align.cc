@@ -25,6 +25,7 @@ struct AlignOptions {
   eval::ReferenceOptions reference;
   PoseAlignmentOptions solver;
   std::uint32_t component = 0;  // 0: the one with most keyframes that have a reference
+  std::uint32_t session = 0;    // whose keyframes the reference is of; 0: of all
   double max_dt_s = 0.02;
   double sigma_rotation_deg = 0.0;
   bool positions_only = false;
@@ -41,17 +42,31 @@ struct Target {
   std::vector<eval::Association> pairs;      // with the reference
 };
 
+// Recordings whose times all begin at 0 cannot be told apart by them.
+std::string HintOfSessions(const map::Snapshot& map) {
+  for (const auto& [id, session] : map.sessions()) {
+    for (const auto& [other_id, other] : map.sessions()) {
+      if (id < other_id && session.first_ns <= other.last_ns && other.first_ns <= session.last_ns) {
+        return absl::StrCat(". Sessions ", id.value(), " and ", other_id.value(),
+                            " have times in common: if the poses are of one of them, say so with --session");
+      }
+    }
+  }
+  return "";
+}
+
 std::vector<Target> FindTargets(const map::Snapshot& map, const std::vector<io::StampedPose>& reference,
-                                double max_dt_s) {
+                                const AlignOptions& options) {
   std::map<ComponentId, Target> targets;
   for (const ComponentId id : map.LiveComponents()) targets[id] = {id, map.WorldFrom(id), {}, {}};
   map.keyframes().ForEach([&](const auto& keyframe) {
+    if (options.session != 0 && keyframe->session != SessionId(options.session)) return;
     targets[keyframe->component].keyframes.push_back({keyframe->time_ns, keyframe->camera_from_map.Inverse()});
   });
   std::vector<Target> found;
   for (auto& [id, target] : targets) {
     target.keyframes = eval::SortedFinite(target.keyframes);
-    target.pairs = eval::AssociateNearest(target.keyframes, reference, max_dt_s);
+    target.pairs = eval::AssociateNearest(target.keyframes, reference, options.max_dt_s);
     found.push_back(std::move(target));
   }
   return found;
@@ -283,9 +298,17 @@ absl::Status Align(AlignOptions options) {
   {
     // Nobody else changes the map between what is computed and what is stored.
     engine::LiveMap::Editor editor = live->BeginEdit();
-    targets = FindTargets(editor.View()->map(), reference, options.max_dt_s);
+    const std::shared_ptr<const tracking::MapView> view = editor.View();
+    const map::Snapshot& map = view->map();
+    if (options.session != 0 && !map.sessions().contains(SessionId(options.session))) {
+      return absl::NotFoundError(absl::StrCat(options.map, " has no session ", options.session, " (cairn info)"));
+    }
+    targets = FindTargets(map, reference, options);
     CAIRN_ASSIGN_OR_RETURN(chosen, ChooseTarget(targets, options));
     found = Solve(targets, chosen, reference, options);
+    if (!found.ok() && options.session == 0) {
+      return absl::Status(found.status().code(), absl::StrCat(found.status().message(), HintOfSessions(map)));
+    }
     CAIRN_RETURN_IF_ERROR(found.status());
     CAIRN_RETURN_IF_ERROR(Store(editor, targets[chosen].component, found->a_from_b));
   }
@@ -307,6 +330,9 @@ void AddOptions(CLI::App* verb, const std::shared_ptr<AlignOptions>& options) {
       ->required();
   verb->add_option("--component", options->component,
                    "Component to align; by default the one with most keyframes that have a reference pose")
+      ->check(CLI::PositiveNumber);
+  verb->add_option("--session", options->session,
+                   "Session whose poses these are; by default every keyframe that has a pose at its time counts")
       ->check(CLI::PositiveNumber);
   verb->add_option("--sensor", options->reference.sensor,
                    "File with T_BS, where the camera sits on the body that the poses are of (EuRoC's sensor.yaml); by "
