@@ -141,7 +141,7 @@ class Office(unittest.TestCase):
         self.assertLess(ate['ate_m'], 0.02)
         self.assertEqual({component['id']: component['keyframes'] for component in must('info', parts_map)['components']},
                          {component['id']: component['keyframes'] for component in (largest, other)})
-        self.assertEqual(must('align', parts_map, '--component', largest['id'], '--groundtruth', truth)['component'], largest['id'])
+        self.assertEqual(must('align', parts_map, '--component', largest['id'], '--groundtruth', truth, '--force')['component'], largest['id'])
         located = must('localize', visit, '--stride', 5, '--map', parts_map, '--independent', '--out', poses, '--verbose')
         found_in = [image['component'] for image in located['images'] if image['localized']]
         self.assertEqual(found_in.count(other['id']), located['localized_in_other_components'])

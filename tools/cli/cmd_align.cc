@@ -268,11 +268,11 @@ absl::StatusOr<PoseAlignment> Solve(const std::vector<Target>& targets, std::siz
                                                  " is aligned already: give --overwrite to align it anew",
                                                  targets.size() > 1 ? ", or --component for another one" : ""));
   }
-  if (!target.pairs.empty() && target.pairs.size() < kMinPairs) {
-    return absl::FailedPreconditionError(
-        absl::StrCat("only ", target.pairs.size(), " of ", target.keyframes.size(), " keyframes of component ",
-                     target.component.value(), " have a pose within ", options.max_dt_s, " s in ", options.groundtruth,
-                     "; at least ", kMinPairs, " are needed to tell how far off the alignment may be"));
+  if (!target.pairs.empty() && target.pairs.size() < kMinPairs && !options.force) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        "only ", target.pairs.size(), " of ", target.keyframes.size(), " keyframes of component ",
+        target.component.value(), " have a pose within ", options.max_dt_s, " s in ", options.groundtruth,
+        "; at least ", kMinPairs, " are needed to tell how far off the alignment may be (--force does without)"));
   }
   const eval::PairedPoses poses = eval::PosesOf(target.keyframes, reference, target.pairs);
   absl::StatusOr<PoseAlignment> found = AlignPoses(poses.groundtruth, poses.estimate, options.solver);
@@ -348,7 +348,8 @@ void AddOptions(CLI::App* verb, const std::shared_ptr<AlignOptions>& options) {
       ->check(CLI::PositiveNumber);
   verb->add_flag("--overwrite", options->overwrite, "Replace an alignment that the component has");
   verb->add_flag("--force", options->force,
-                 "Align although many poses do not fit, or the scale is not that of the alignment there is");
+                 "Align although many poses do not fit, few keyframes have one, or the scale is not that of the "
+                 "alignment there is");
   verb->add_flag("--json", options->json, "Answer in JSON");
 }
 
