@@ -103,7 +103,8 @@ struct WorldGap {
 };
 std::optional<WorldGap> GapInWorld(const map::Snapshot& map, const map::Keyframe& keyframe, ComponentId other,
                                    const Sim3& other_from_own) {
-  const auto world_from_own = map.WorldFrom(keyframe.component), world_from_other = map.WorldFrom(other);
+  const std::optional<Sim3>& world_from_own = map.WorldFrom(keyframe.component);
+  const std::optional<Sim3>& world_from_other = map.WorldFrom(other);
   if (!world_from_own || !world_from_other) return std::nullopt;
   const Vector3d center = keyframe.CenterInMap();
   const Sim3 by_join = *world_from_other * other_from_own;
