@@ -73,9 +73,10 @@ absl::StatusOr<std::vector<SelectedImage>> Select(const std::vector<ListedImage>
     if (passed++ % options.stride == 0) selected.push_back({static_cast<std::int64_t>(i), images[i]});
   }
   if (selected.empty()) {
-    return absl::OutOfRangeError(absl::StrCat("no image lies from ", options.from_s, " s until before ",
-                                              options.until_s, " s; the sequence lasts ",
-                                              ToSeconds(images.back().time_ns - first_ns), " s"));
+    const std::string until = options.until_s < 9e9 ? absl::StrCat(" until before ", options.until_s, " s") : " on";
+    return absl::OutOfRangeError(absl::StrCat("no image lies from ", options.from_s, " s", until,
+                                              "; the sequence lasts ", ToSeconds(images.back().time_ns - first_ns),
+                                              " s"));
   }
   return selected;
 }
