@@ -32,7 +32,7 @@ struct JoinOptions {
   int min_sightings = 3;  // of these, found in the other component where the similarity puts them ...
   // A session that has been found already has less reason to be elsewhere as well: so many times the matches are
   // needed.
-  double located_factor = 2.0;
+  double located_factor = 1.5;
   double min_share = 0.6;  // ... and of all that were found there
   // Sightings in a third component that are as many as this share of those in the best: which place it is, is open.
   double max_rival_share = 0.5;

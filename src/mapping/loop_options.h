@@ -46,7 +46,7 @@ struct LoopOptions {
 
   // Where nothing links the two sides (a restart, another component), drift says nothing: more must be seen, and more
   // of the image. An object that hangs in two rooms fills a part of it.
-  int min_unlinked_matches = 80;
+  int min_unlinked_matches = 120;
   int min_unlinked_cells = 16;
 
   // Correction.
