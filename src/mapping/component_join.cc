@@ -123,7 +123,6 @@ absl::Status JoinOptions::Validate() const {
     return bad("remembered must be at least min_sightings, and that 1");
   if (!(min_share >= 0.0 && min_share <= 1.0)) return bad("min_share must be in [0, 1]");
   if (!(max_rival_share > 0.0 && max_rival_share <= 1.0)) return bad("max_rival_share must be in (0, 1]");
-  if (!(located_factor >= 1.0)) return bad("located_factor must be at least 1");
   if (max_verified < 1) return bad("max_verified must be at least 1");
   if (max_seam_keyframes < 1 || seam_iterations < 1) return bad("the seam needs at least one keyframe and iteration");
   return absl::OkStatus();
@@ -210,20 +209,6 @@ bool ComponentJoiner::SightingsAgree(const map::Snapshot& map, const Sighting& n
   }
   return report->sightings_agreeing >= options_.min_sightings &&
          report->sightings_agreeing >= options_.min_share * report->sightings_checked;
-}
-
-// Two places that earlier sessions have kept apart may have the same furniture.
-bool ComponentJoiner::EnoughIfLocated(const map::Snapshot& map, const Loop& overlap, JoinReport* report) const {
-  const map::Keyframe& current = map.keyframe(overlap.current);
-  bool located = false;
-  map.keyframes().ForEach([&](const auto& keyframe) {
-    located = located || (keyframe->component == current.component && keyframe->session != current.session);
-  });
-  if (!located || report->evidence.guided_matches >= options_.located_factor * options_.overlap.min_unlinked_matches) {
-    return true;
-  }
-  report->rejected = "few matches by projection for a second place of a session that has been found already";
-  return false;
 }
 
 // Whether two components that are both aligned to the world are there where the overlap puts them.
@@ -379,7 +364,7 @@ absl::StatusOr<JoinReport> ComponentJoiner::Process(KeyframeId keyframe_id, std:
       break;
     }
   }
-  if (report.rejected.empty() && EnoughIfLocated(map, *overlap, &report) && AlignmentsAgree(map, *overlap, &report)) {
+  if (report.rejected.empty() && AlignmentsAgree(map, *overlap, &report)) {
     CameraFits(map, sighting, &report);
   }
   report.verify_ms = watch.LapMs();

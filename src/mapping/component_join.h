@@ -28,11 +28,8 @@ struct JoinOptions {
   // ... as points tell that others have mapped: they leave less open than a session's own, the prior holds little.
   double log_focal_sigma = 0.05;
 
-  int remembered = 8;     // keyframes looked for lately, whose findings count
-  int min_sightings = 3;  // of these, found in the other component where the similarity puts them ...
-  // A session that has been found already has less reason to be elsewhere as well: so many times the matches are
-  // needed.
-  double located_factor = 1.5;
+  int remembered = 8;      // keyframes looked for lately, whose findings count
+  int min_sightings = 3;   // of these, found in the other component where the similarity puts them ...
   double min_share = 0.6;  // ... and of all that were found there
   // Sightings in a third component that are as many as this share of those in the best: which place it is, is open.
   double max_rival_share = 0.5;
@@ -92,7 +89,6 @@ class ComponentJoiner {
   absl::StatusOr<Sighting> Look(const tracking::MapView& view, const map::Keyframe& keyframe) const;
   bool AlignmentsAgree(const map::Snapshot& map, const Loop& overlap, JoinReport* report) const;
   bool CameraFits(const map::Snapshot& map, const Sighting& newest, JoinReport* report) const;
-  bool EnoughIfLocated(const map::Snapshot& map, const Loop& overlap, JoinReport* report) const;
   bool IsRivalled(const Sighting& sighting) const;
   bool SightingsAgree(const map::Snapshot& map, const Sighting& sighting, const Loop& overlap,
                       JoinReport* report) const;

@@ -9,6 +9,7 @@
 #include "base/angles.h"
 #include "base/median.h"
 #include "mapping/grid_cache.h"
+#include "mapping/view_share.h"
 #include "optimization/sim3_refinement.h"
 #include "tracking/local_map.h"
 #include "tracking/projection_matcher.h"
@@ -62,7 +63,7 @@ class Verifier {
     current_side_ = Side(current_, loop.loop_side);
     const std::vector<Sim3Match> matches = given == nullptr ? MatchDescriptors() : Matches(*given);
     if (!FindSimilarity(matches, &loop) || !MatchGuided(&loop)) return std::nullopt;
-    if (given == nullptr ? !Plausible(loop) : !EnoughWithoutALink()) return std::nullopt;
+    if (given == nullptr ? !Plausible(loop) : !EnoughWithoutALink(loop)) return std::nullopt;
     const bool here = NeighboursAgree(current_, current_side_, loop_, loop.loop_side, loop.current_from_loop);
     if (!here || !NeighboursAgree(loop_, loop.loop_side, current_, current_side_, loop.current_from_loop.Inverse())) {
       return std::nullopt;
@@ -227,12 +228,34 @@ class Verifier {
 
   static double MedianDepth(std::vector<double> depths) { return depths.empty() ? 1.0 : Median(std::move(depths)); }
 
-  bool EnoughWithoutALink() {
+  // Of the other side, what the keyframes of `side`, attached rigidly to `anchor`, should see and do.
+  ViewShare ShareOf(const map::Keyframe& anchor, std::span<const KeyframeId> side, const map::Keyframe& other,
+                    std::span<const KeyframeId> other_side, const Sim3& anchor_from_other) {
+    const std::vector<const map::MapPoint*> points = PointsOf(other_side);
+    ViewShare share;
+    for (const KeyframeId id : side) {
+      const map::Keyframe& viewer = map_.keyframe(id);
+      const Sim3 from_other = Sim3(viewer.camera_from_map * anchor.camera_from_map.Inverse()) * anchor_from_other;
+      const auto found = Project(viewer, other, from_other, points, options_.guided_radius_factors.back());
+      share += ShareSeen(map_, viewer, from_other * Sim3(other.camera_from_map), points, found,
+                         grids_.Of(viewer, PinholeOf(viewer)));
+    }
+    return share;
+  }
+
+  bool EnoughWithoutALink(const Loop& loop) {
     if (evidence_.guided_matches < options_.min_unlinked_matches) {
       return Reject("few matches by projection for places that nothing links");
     }
     if (evidence_.cells < options_.min_unlinked_cells) {
       return Reject("the matches are in too small a part of the image for places that nothing links");
+    }
+    const Sim3& current_from_loop = loop.current_from_loop;
+    evidence_.share_here = ShareOf(current_, current_side_, loop_, loop.loop_side, current_from_loop).value();
+    evidence_.share_there =
+        ShareOf(loop_, loop.loop_side, current_, current_side_, current_from_loop.Inverse()).value();
+    if (std::min(evidence_.share_here, evidence_.share_there) < options_.min_unlinked_share) {
+      return Reject("most of what should be seen there is not: it looks alike, but is another place");
     }
     return true;
   }
@@ -243,7 +266,7 @@ class Verifier {
     evidence_.shift = (moved - current_.CenterInMap()).norm();
     evidence_.turn_rad = AngleRad(moved_from_map.rotation() * current_.camera_from_map.rotation().conjugate());
     const std::optional<double> length = PathLength(map_, current_.id, loop_.id);
-    if (!length) return EnoughWithoutALink();
+    if (!length) return EnoughWithoutALink(loop);
     evidence_.path_length = *length;
     std::vector<double> depths;
     for (const PointId id : current_.points) {

@@ -36,6 +36,8 @@ struct LoopEvidence {
   int sim3_inliers = 0;
   int guided_matches = 0;
   int cells = 0;
+  double share_here = 0.0;     // of what the current side should see of the loop's; only where nothing links them ...
+  double share_there = 0.0;    // ... and the other way round
   int neighbours_checked = 0;  // both sides together
   int neighbours_agreeing = 0;
   double scale = 1.0;
