@@ -46,7 +46,8 @@ absl::StatusOr<bool> LoopRunner::Join(KeyframeId keyframe, mapping::MapHead& hea
   CAIRN_ASSIGN_OR_RETURN(mapping::JoinReport report,
                          joiner_.Process(keyframe, options_.record_wall_clock ? UnixNowNs() : 0, head));
   if (report.searched) search_ms_.Add(static_cast<float>(report.search_ms + report.verify_ms));
-  if (report.seen && !report.joined) ++joins_rejected_[report.rejected];
+  expects_join_ = report.seen && !report.joined;
+  if (expects_join_) ++joins_rejected_[report.rejected];
   if (!report.joined) return false;
   Remember({begin, Clock::now()}, &corrections_);
   joins_.push_back(std::move(report));

@@ -43,6 +43,8 @@ class LoopRunner {
 
   // After each packet. Does nothing in a map without a vocabulary.
   absl::Status AfterPacket(const mapping::KeyframeReport& packet, mapping::MapHead& head);
+  // Whether the last keyframe was seen in another component, and that it is there is not proven.
+  bool ExpectsJoin() const { return expects_join_; }
   // At the end of the stream: waits for the adjustment and merges it.
   absl::Status Finish(mapping::MapHead& head);
   // Lengths of the map have changed, by whomever: an adjustment under way is about a map that is no more.
@@ -83,6 +85,7 @@ class LoopRunner {
   mapping::ComponentJoiner joiner_;
   std::vector<mapping::LoopReport> loops_;
   std::vector<mapping::JoinReport> joins_;
+  bool expects_join_ = false;
   std::map<std::string, int> rejected_, joins_rejected_;
   SampleReservoir search_ms_;
   std::deque<Span> corrections_;

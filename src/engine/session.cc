@@ -196,6 +196,7 @@ class Session::Impl : public LiveMap::Listener {
     if (report.inserted) collinearity_.Update(*mapper_->map(), report.keyframe);
     const std::size_t joins = loops_->joins().size();
     CAIRN_RETURN_IF_ERROR(loops_->AfterPacket(report, head_));
+    mapper_->InsertEach(loops_->ExpectsJoin());
     if (loops_->joins().size() > joins) NoteJoin(report.time_ns, loops_->joins().back());
     const bool refined = ChooseTrajectory().refined;
     poses_.Publish(mapper_->map(), mapper_->trajectory(), refined);

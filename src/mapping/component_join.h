@@ -28,9 +28,9 @@ struct JoinOptions {
   // ... as points tell that others have mapped: they leave less open than a session's own, the prior holds little.
   double log_focal_sigma = 0.05;
 
-  int remembered = 8;      // keyframes looked for lately, whose findings count
-  int min_sightings = 3;   // of these, found in the other component where the similarity puts them ...
-  double min_share = 0.6;  // ... and of all that were found there
+  int remembered = 8;       // keyframes looked for lately, whose findings count
+  int min_sightings = 3;    // of these, found in the other component where the similarity puts them ...
+  double min_share = 0.75;  // ... and of all that were found there
   // Sightings in a third component that are as many as this share of those in the best: which place it is, is open.
   double max_rival_share = 0.5;
 

@@ -202,6 +202,7 @@ absl::StatusOr<KeyframeReport> FeatureMapper::Process(const direct::KeyframePack
 absl::StatusOr<std::optional<FeatureMapper::Found>> FeatureMapper::Locate(const direct::Frame& frame) const {
   return impl_->Locate(frame);
 }
+void FeatureMapper::InsertEach(bool each) { impl_->InsertEach(each); }
 absl::Status FeatureMapper::Finish() { return impl_->Finish(); }
 void FeatureMapper::OnChange(const tracking::MapView& before, const map::Delta& delta,
                              const std::shared_ptr<const tracking::MapView>& after, const KeyframeScales& scales) {

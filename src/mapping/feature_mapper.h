@@ -79,6 +79,10 @@ class FeatureMapper {
   // camera. The errors of the head's Commit() are returned as they are.
   absl::StatusOr<KeyframeReport> Process(const direct::KeyframePacket& packet);
 
+  // Whether every packet is to be inserted from now on. While another component is in view, and that is not proven yet,
+  // keyframes are worth more than a small map.
+  void InsertEach(bool each);
+
   // Where a lost odometry is: the points that its image shows, with their depths in units of the component that they
   // are in.
   struct Found {

@@ -45,6 +45,7 @@ class FeatureMapper::Impl {
   absl::StatusOr<std::optional<Found>> Locate(const direct::Frame& frame) const;
   absl::Status Finish();
 
+  void InsertEach(bool each) { insert_each_ = each; }
   void OnChange(const tracking::MapView& before, const map::Delta& delta,
                 const std::shared_ptr<const tracking::MapView>& after, const KeyframeScales& scales);
 
@@ -125,10 +126,11 @@ class FeatureMapper::Impl {
   FeatureState state_ = FeatureState::kInitializing;
   Last last_;
   double median_depth_ = 1.0;  // of the scene, map units
-  int since_insertion_ = 0;    // packets
-  int inserted_inliers_ = 0;   // of the last keyframe inserted
-  int since_depths_ = 0;       // packets since depths gave the relative scale
-  int attempts_ = 0;           // packets since the loss
+  bool insert_each_ = false;
+  int since_insertion_ = 0;   // packets
+  int inserted_inliers_ = 0;  // of the last keyframe inserted
+  int since_depths_ = 0;      // packets since depths gave the relative scale
+  int attempts_ = 0;          // packets since the loss
   std::int64_t last_packet_ = -1;
 };
 

@@ -32,7 +32,7 @@ int FeatureMapper::Impl::MaxBetween(double rate_hz) const {
 
 bool FeatureMapper::Impl::ShouldInsert(const Current& current) const {
   const int inliers = current.tracked.inliers;
-  return mapper_.keyframes_inserted() < kAlwaysInserted || inliers < options_.insert_below_matches ||
+  return insert_each_ || mapper_.keyframes_inserted() < kAlwaysInserted || inliers < options_.insert_below_matches ||
          since_insertion_ >= MaxBetween(current.packet.keyframe_rate_hz) ||
          inliers < options_.insert_below_share * inserted_inliers_;
 }

@@ -228,7 +228,8 @@ class Verifier {
 
   static double MedianDepth(std::vector<double> depths) { return depths.empty() ? 1.0 : Median(std::move(depths)); }
 
-  // Of the other side, what the keyframes of `side`, attached rigidly to `anchor`, should see and do.
+  // Of the other side, what the keyframes of `side`, attached rigidly to `anchor`, should see and do. Those that see
+  // none of it are left out: from where they are, walls may hide it.
   ViewShare ShareOf(const map::Keyframe& anchor, std::span<const KeyframeId> side, const map::Keyframe& other,
                     std::span<const KeyframeId> other_side, const Sim3& anchor_from_other) {
     const std::vector<const map::MapPoint*> points = PointsOf(other_side);
@@ -237,10 +238,16 @@ class Verifier {
       const map::Keyframe& viewer = map_.keyframe(id);
       const Sim3 from_other = Sim3(viewer.camera_from_map * anchor.camera_from_map.Inverse()) * anchor_from_other;
       const auto found = Project(viewer, other, from_other, points, options_.guided_radius_factors.back());
-      share += ShareSeen(map_, viewer, from_other * Sim3(other.camera_from_map), points, found,
-                         grids_.Of(viewer, PinholeOf(viewer)));
+      const ViewShare seen = ShareSeen(map_, viewer, from_other * Sim3(other.camera_from_map), points, found,
+                                       grids_.Of(viewer, PinholeOf(viewer)));
+      if (SeesEnough(seen.found, seen.expected)) share += seen;
     }
     return share;
+  }
+
+  bool SeesEnough(std::size_t found, std::size_t expected) const {
+    return static_cast<double>(found) >= std::max<double>(options_.min_neighbour_matches,
+                                                          options_.min_neighbour_share * static_cast<double>(expected));
   }
 
   bool EnoughWithoutALink(const Loop& loop) {
@@ -254,7 +261,10 @@ class Verifier {
     evidence_.share_here = ShareOf(current_, current_side_, loop_, loop.loop_side, current_from_loop).value();
     evidence_.share_there =
         ShareOf(loop_, loop.loop_side, current_, current_side_, current_from_loop.Inverse()).value();
-    if (std::min(evidence_.share_here, evidence_.share_there) < options_.min_unlinked_share) {
+    const bool many =
+        evidence_.guided_matches >= options_.many_unlinked_matches && evidence_.cells >= options_.many_unlinked_cells;
+    const double needed = many ? options_.min_unlinked_share_of_many : options_.min_unlinked_share;
+    if (std::min(evidence_.share_here, evidence_.share_there) < needed) {
       return Reject("most of what should be seen there is not: it looks alike, but is another place");
     }
     return true;
@@ -266,7 +276,8 @@ class Verifier {
     evidence_.shift = (moved - current_.CenterInMap()).norm();
     evidence_.turn_rad = AngleRad(moved_from_map.rotation() * current_.camera_from_map.rotation().conjugate());
     const std::optional<double> length = PathLength(map_, current_.id, loop_.id);
-    if (!length) return EnoughWithoutALink(loop);
+    linked_ = length.has_value();
+    if (!linked_) return EnoughWithoutALink(loop);
     evidence_.path_length = *length;
     std::vector<double> depths;
     for (const PointId id : current_.points) {
@@ -289,9 +300,10 @@ class Verifier {
         Sim3(neighbour.camera_from_map * anchor.camera_from_map.Inverse()) * anchor_from_other;  // from `other`
     const auto found = Project(neighbour, other, predicted, points, options_.guided_radius_factors.back());
     if (static_cast<int>(found.visible.size()) < options_.min_neighbour_visible) return std::nullopt;
-    const double wanted = std::max<double>(options_.min_neighbour_matches,
-                                           options_.min_neighbour_share * static_cast<double>(found.visible.size()));
-    if (static_cast<double>(found.matches.size()) < wanted) return false;
+    if (!SeesEnough(found.matches.size(), found.visible.size())) {
+      // What is hidden, or not there, is judged by the share of all (ShareOf) where it is.
+      return linked_ ? std::optional(false) : std::nullopt;
+    }
     std::vector<Sim3Match> matches;
     std::vector<double> depths;
     for (const tracking::PointMatch& match : found.matches) {
@@ -332,6 +344,7 @@ class Verifier {
   const LoopOptions& options_;
   LoopEvidence& evidence_;
   std::vector<KeyframeId> current_side_;
+  bool linked_ = false;  // by a way along the spanning tree
   GridCache grids_;
 };
 

@@ -43,7 +43,7 @@ ViewShare ShareSeen(const map::Snapshot& map, const map::Keyframe& viewer, const
                     std::span<const map::MapPoint* const> points, const tracking::ProjectionMatches& matches,
                     const image::FeatureGrid& grid) {
   ViewShare share;
-  share.found = static_cast<int>(matches.matches.size());
+  share.found = matches.matches.size();
   share.expected = share.found;
   Surroundings surroundings(map, viewer, grid);
   auto match = matches.matches.begin();  // ascending by point, as the visible ones are

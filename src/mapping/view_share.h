@@ -4,6 +4,7 @@
 // seen are not there.
 #pragma once
 
+#include <cstddef>
 #include <span>
 
 #include "map/snapshot.h"
@@ -13,10 +14,10 @@
 namespace cairn::mapping {
 
 struct ViewShare {
-  int expected = 0;  // points that should be seen ...
-  int found = 0;     // ... and are
+  std::size_t expected = 0;  // points that should be seen ...
+  std::size_t found = 0;     // ... and are
 
-  double value() const { return expected > 0 ? static_cast<double>(found) / expected : 0.0; }
+  double value() const { return expected > 0 ? static_cast<double>(found) / static_cast<double>(expected) : 0.0; }
   ViewShare& operator+=(const ViewShare& other) {
     expected += other.expected;
     found += other.found;
