@@ -375,7 +375,7 @@ TEST(FeatureMapper, SaysWhatItWaitsForAndRefusesBadInput) {
   EXPECT_TRUE(run.mapper->Process(packet).ok()) << "nothing of the bad ones was kept";
 
   FeatureMapperOptions options;
-  options.min_inliers = 1;
+  options.tracker.min_inliers = 1;
   EXPECT_EQ(FeatureMapper::Create(options, run.head.get(), run.session, run.camera).status().code(),
             absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(FeatureMapper::Create({}, run.head.get(), SessionId(9), run.camera).status().code(),
