@@ -4,7 +4,7 @@
 
 #include <filesystem>
 
-#include "place/test_descriptors.h"
+#include "place/testing_descriptors.h"
 
 namespace cairn::place {
 namespace {

@@ -7,7 +7,7 @@
 #include <map>
 #include <thread>
 
-#include "place/test_descriptors.h"
+#include "place/testing_descriptors.h"
 #include "place/training.h"
 
 namespace cairn::place {

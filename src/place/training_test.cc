@@ -6,7 +6,7 @@
 #include <cmath>
 #include <set>
 
-#include "place/test_descriptors.h"
+#include "place/testing_descriptors.h"
 
 namespace cairn::place {
 namespace {

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "place/test_descriptors.h"
+#include "place/testing_descriptors.h"
 
 namespace cairn::place {
 namespace {

@@ -8,7 +8,7 @@
 #include "map/lens.h"
 #include "store/digest.h"
 #include "store/sqlite_map_store.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

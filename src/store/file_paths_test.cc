@@ -9,8 +9,8 @@
 
 #include <filesystem>
 
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 #include "store/writer_lock.h"
 
 namespace cairn::store {

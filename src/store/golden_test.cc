@@ -9,8 +9,8 @@
 #include <filesystem>
 
 #include "map/edit.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

@@ -4,9 +4,9 @@
 
 #include <filesystem>
 
-#include "store/test_failing_vfs.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_failing_vfs.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

@@ -15,8 +15,8 @@
 #include "store/row.h"
 #include "store/sqlite.h"
 #include "store/sqlite_map_store.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

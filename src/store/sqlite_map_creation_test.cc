@@ -7,8 +7,8 @@
 #include <filesystem>
 
 #include "store/digest.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

@@ -11,7 +11,7 @@
 #include "map/lens.h"
 #include "store/digest.h"
 #include "store/sqlite.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

@@ -10,8 +10,8 @@
 #include <filesystem>
 
 #include "store/row.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

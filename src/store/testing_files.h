@@ -11,7 +11,7 @@
 #include <string>
 
 #include "store/sqlite_map_store.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store::testing {
 
