@@ -15,9 +15,9 @@ namespace {
 
 using testing::MapGrower;
 using testing::SameBits;
+using testing::SnapshotPtr;
 using testing::TempFolder;
 using testing::TestInfo;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
 
 // Changes of every kind, in a random order.
 class Mutator {

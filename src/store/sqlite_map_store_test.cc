@@ -21,9 +21,9 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::MapGrower;
 using testing::SameBits;
+using testing::SnapshotPtr;
 using testing::TempFolder;
 using testing::TestInfo;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
 
 std::string Message(const absl::Status& status) { return std::string(status.message()); }
 
