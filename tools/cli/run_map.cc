@@ -393,7 +393,7 @@ class WhereWatch {
 
   void Look() {
     if (quiet_) return;
-    const engine::Session::Whereabouts where = session_.Where();
+    const engine::Whereabouts where = session_.Where();
     if (where.located && !seen_) {
       seen_ = true;
       Say(absl::StrFormat("looks like component %u after %.1f s; joined as soon as that is proven",
