@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/random.h"
+#include "image/testing_descriptors.h"
 #include "map/edit.h"
 #include "place/training.h"
 #include "place/vocabulary.h"
@@ -39,9 +40,7 @@ struct ViewOptions {
 
 inline const Pinhole kPinhole{640, 480, 500.0, 500.0, 319.5, 239.5};
 
-inline image::Descriptor RandomDescriptor(Random& random) {
-  return {random.Next(), random.Next(), random.Next(), random.Next()};
-}
+using image::testing::RandomDescriptor;
 
 inline image::Descriptor WithFlippedBits(image::Descriptor descriptor, int count, Random& random) {
   for (int i = 0; i < count; ++i) {
