@@ -6,7 +6,7 @@
 #include <condition_variable>
 #include <mutex>
 
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::engine {
 namespace {

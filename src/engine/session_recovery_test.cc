@@ -7,7 +7,7 @@
 #include "engine/testing_sway.h"
 #include "image/orb_extractor.h"
 #include "place/training.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::engine {
 namespace {

@@ -8,7 +8,8 @@
 #include "base/sample_reservoir.h"
 #include "engine/loop_runner.h"
 #include "engine/odometry_runner.h"
-#include "engine/session.h"
+#include "engine/session_report.h"
+#include "map/snapshot.h"
 #include "mapping/feature_mapper.h"
 
 namespace cairn::engine {

@@ -9,7 +9,7 @@
 #include <thread>
 
 #include "engine/testing_sway.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::engine {
 namespace {

@@ -9,35 +9,26 @@
 
 #include "base/random.h"
 #include "image/hamming.h"
+#include "image/testing_descriptors.h"
 
 namespace cairn::image {
 namespace {
 
 using ::testing::ElementsAre;
+using testing::FlipBits;
 using ::testing::IsEmpty;
-
-Descriptor RandomDescriptor(Random* random) { return {random->Next(), random->Next(), random->Next(), random->Next()}; }
-
-Descriptor FlipBits(Descriptor descriptor, int count, Random* random) {
-  std::vector<int> bits(256);
-  for (int i = 0; i < 256; ++i) bits[i] = i;
-  for (int i = 0; i < count; ++i) {
-    std::swap(bits[i], bits[i + random->Below(256 - i)]);
-    descriptor[bits[i] / 64] ^= std::uint64_t{1} << (bits[i] % 64);
-  }
-  return descriptor;
-}
+using testing::RandomDescriptor;
 
 // b holds the descriptors of a in reverse order, each with a few bits flipped and turned by `turn_rad`.
 void MakePair(int count, int flips, float turn_rad, Features* a, Features* b) {
   Random random(11);
   for (int i = 0; i < count; ++i) {
-    a->descriptors.push_back(RandomDescriptor(&random));
+    a->descriptors.push_back(RandomDescriptor(random));
     a->keypoints.push_back({static_cast<float>(random.Uniform(0, 640)), static_cast<float>(random.Uniform(0, 480)),
                             static_cast<float>(random.Uniform(-3, 3)), static_cast<std::uint8_t>(random.Below(8))});
   }
   for (int i = count - 1; i >= 0; --i) {
-    b->descriptors.push_back(FlipBits(a->descriptors[i], flips, &random));
+    b->descriptors.push_back(FlipBits(a->descriptors[i], flips, random));
     b->keypoints.push_back(a->keypoints[i]);
     b->keypoints.back().angle_rad -= turn_rad;
   }
@@ -46,7 +37,7 @@ void MakePair(int count, int flips, float turn_rad, Features* a, Features* b) {
 TEST(Hamming, AllKernelsCountTheSame) {
   Random random(1);
   std::vector<Descriptor> descriptors(257);
-  for (Descriptor& descriptor : descriptors) descriptor = RandomDescriptor(&random);
+  for (Descriptor& descriptor : descriptors) descriptor = RandomDescriptor(random);
   descriptors[3] = {};
   descriptors[4] = {~0ull, ~0ull, ~0ull, ~0ull};
   for (const Descriptor& query : {descriptors[0], descriptors[3], descriptors[4]}) {
@@ -111,8 +102,8 @@ TEST(MatchBruteForce, FindsEveryPair) {
 TEST(MatchBruteForce, MutualKeepsOnlyTheNearest) {
   Random random(2);
   Features a, b;
-  const Descriptor base = RandomDescriptor(&random);
-  a.descriptors = {FlipBits(base, 20, &random), FlipBits(base, 5, &random)};
+  const Descriptor base = RandomDescriptor(random);
+  a.descriptors = {FlipBits(base, 20, random), FlipBits(base, 5, random)};
   a.keypoints.resize(2);
   b.descriptors = {base};
   b.keypoints.resize(1);
@@ -235,9 +226,9 @@ TEST(MatchInWindows, LooksOnlyInside) {
 
 TEST(MatchInWindows, OneFeatureOfBServesOne) {
   Random random(5);
-  const Descriptor base = RandomDescriptor(&random);
+  const Descriptor base = RandomDescriptor(random);
   Features a, b;
-  a.descriptors = {FlipBits(base, 9, &random), FlipBits(base, 4, &random)};
+  a.descriptors = {FlipBits(base, 9, random), FlipBits(base, 4, random)};
   a.keypoints.resize(2);
   b.descriptors = {base};
   b.keypoints.resize(1);

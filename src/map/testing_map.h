@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/random.h"
+#include "image/testing_descriptors.h"
 #include "map/edit.h"
 
 namespace cairn::map::testing {
@@ -19,10 +20,6 @@ struct TestMap {
   std::vector<SE3> poses;       // camera_from_map of the cameras of the world
   std::vector<image::Descriptor> descriptors;
 };
-
-inline image::Descriptor RandomDescriptor(Random& random) {
-  return {random.Next(), random.Next(), random.Next(), random.Next()};
-}
 
 // A keyframe that sees every point of the world in its image; feature i is that of `visible[i]`. `noise_px` is added to
 // the pixels, a few bits of each descriptor flip.
@@ -71,7 +68,7 @@ inline TestMap MakeWorld(std::uint64_t seed, std::size_t num_views, std::size_t 
   world.snapshot = snapshot.ok() ? *snapshot : nullptr;
   for (std::size_t i = 0; i < num_points; ++i) {
     world.truth.emplace_back(random.Uniform(-3, 5), random.Uniform(-2, 2), random.Uniform(3, 6));
-    world.descriptors.push_back(RandomDescriptor(random));
+    world.descriptors.push_back(image::testing::RandomDescriptor(random));
   }
   for (std::size_t i = 0; i < num_views; ++i) {
     world.poses.emplace_back(ExpSO3(Vector3d(0, 0.01 * static_cast<double>(i), 0)),

@@ -81,7 +81,7 @@ absl::Status FeatureMapper::Impl::Continue(Current* current) {
     }
     return Start(SE3(), 1.0, KeyframeId(), current);
   }
-  const PoseSeed seed = last_.known ? SeedPose(packet) : PoseSeed();
+  const tracking::PoseSeed seed = last_.known ? SeedPose(packet) : tracking::PoseSeed();
   // A new segment may be anywhere: a few matches around the last pose, found in a wide search, prove nothing.
   const bool blind = last_.known && packet.segment != last_.segment;
   if (last_.known && !blind && Track(seed, current)) return Accept(current);
@@ -175,7 +175,7 @@ absl::Status FeatureMapper::Impl::Finish() {
     if (!entries[i].reference || views_[i].empty()) continue;
     const map::Keyframe& reference = map_->keyframe(entries[i].reference);
     const SE3 now = entries[i].reference_from_camera.Inverse() * reference.camera_from_map;
-    const auto refined = RefineView(*map_, pinhole_, views_[i], now, options_.min_inliers);
+    const auto refined = RefineView(*map_, pinhole_, views_[i], now, options_.tracker.min_inliers);
     if (refined) entries[i].reference_from_camera = reference.camera_from_map * refined->Inverse();
   }
   return absl::OkStatus();

@@ -13,11 +13,11 @@
 
 #include "image/orb_extractor.h"
 #include "mapping/feature_mapper.h"
-#include "mapping/keyframe_tracker.h"
 #include "mapping/keypoint_depth.h"
 #include "mapping/local_mapper.h"
 #include "mapping/relative_scale.h"
 #include "mapping/view_record.h"
+#include "tracking/local_map_tracker.h"
 #include "tracking/relocalizer.h"
 
 namespace cairn::mapping {
@@ -65,7 +65,7 @@ class FeatureMapper::Impl {
     image::FeatureGrid grid;
     std::vector<KeypointDepth> depths;
     int num_depths = 0;
-    TrackedKeyframe tracked;
+    tracking::TrackedView tracked;
     KeyframeReport report;
   };
   // Where the camera was last, rigidly attached to a keyframe of the map.
@@ -81,7 +81,7 @@ class FeatureMapper::Impl {
   absl::Status Check(const direct::KeyframePacket& packet) const;
   absl::Status Extract(Current* current);
   absl::Status Continue(Current* current);
-  bool Track(const PoseSeed& seed, Current* current);
+  bool Track(const tracking::PoseSeed& seed, Current* current);
   absl::StatusOr<bool> Relocate(Current* current);
   bool MayGoOnAt(KeyframeId place, const direct::KeyframePacket& packet) const;
   absl::Status Accept(Current* current);
@@ -103,7 +103,7 @@ class FeatureMapper::Impl {
   void Remember(const SE3& camera_from_map, KeyframeId reference, Current* current);
   void Record(const Current& current, bool refined, double map_per_direct);
   void OnCull(const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir);
-  PoseSeed SeedPose(const direct::KeyframePacket& packet) const;
+  tracking::PoseSeed SeedPose(const direct::KeyframePacket& packet) const;
   std::vector<PointId> SeenLately() const;
   int NumFeatures(double rate_hz) const;
 

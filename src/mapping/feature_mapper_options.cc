@@ -1,6 +1,7 @@
 #include "mapping/feature_mapper_options.h"
 
 #include "absl/strings/str_cat.h"
+#include "base/status.h"
 
 namespace cairn::mapping {
 
@@ -9,14 +10,8 @@ absl::Status FeatureMapperOptions::Validate() const {
   if (min_features < 100 || max_features < min_features) return bad("features must satisfy 100 <= min <= max");
   if (!(slow_rate_hz > 0.0 && fast_rate_hz > slow_rate_hz)) return bad("rates must satisfy 0 < slow < fast");
   if (min_start_points < 20 || min_restart_points < 20) return bad("a start needs at least 20 points");
-  if (min_inliers < 10) return bad("min_inliers must be at least 10");
-  if (poor_inliers < min_inliers) return bad("poor_inliers must not be below min_inliers");
-  if (max_local_keyframes < 1) return bad("max_local_keyframes must be at least 1");
-  if (!(search_radius_px > 0.0) || !(refined_search_radius_px > 0.0)) return bad("search radii must be positive");
-  if (!(neighbour_distance >= 0.0)) return bad("neighbour_distance must not be negative");
-  if (!(neighbour_way >= 0.0)) return bad("neighbour_way must not be negative");
-  if (!(neighbour_angle_deg > 0.0 && neighbour_angle_deg < 180.0))
-    return bad("neighbour_angle_deg must be in (0, 180)");
+  CAIRN_RETURN_IF_ERROR(tracker.Validate());
+  if (poor_inliers < tracker.min_inliers) return bad("poor_inliers must not be below the tracker's min_inliers");
   if (!(odometry_sigma_share >= 0.0) || !(odometry_sigma_depth > 0.0)) {
     return bad("odometry_sigma_share must not be negative and odometry_sigma_depth must be positive");
   }

@@ -5,6 +5,7 @@
 
 #include "absl/status/status.h"
 #include "mapping/lens_refinement.h"
+#include "tracking/local_map_tracker.h"
 
 namespace cairn::mapping {
 
@@ -19,18 +20,9 @@ struct FeatureMapperOptions {
   int min_start_points = 100;    // features with a trustworthy depth at the first start ...
   int min_restart_points = 150;  // ... and at a later one, after a loss
 
-  // Tracking of a keyframe against the local map.
-  int min_inliers = 25;   // fewer: this keyframe is lost
+  // Tracking of a keyframe against the local map; with fewer than its min_inliers the keyframe is lost.
+  tracking::LocalMapTrackerOptions tracker;
   int poor_inliers = 60;  // fewer: the state is poor
-  int max_local_keyframes = 60;
-  double search_radius_px = 12.0;         // at octave 0, around a point projected with the seed pose
-  double refined_search_radius_px = 4.0;  // and with the refined one
-  // Keyframes count as neighbours, linked or not, within this distance (in median scene depths) and viewing angle.
-  double neighbour_distance = 0.6;
-  double neighbour_angle_deg = 45.0;
-  // ... if the way to them along the map's graph is not longer than this, in median scene depths: over a longer one
-  // drift shows, and they are left to loop closing.
-  double neighbour_way = 5.0;
 
   // Standard deviations of direct odometry from one keyframe to the next, per axis: a share of the motion and of its
   // rotation, and a share of the median scene depth and as many radians. They weigh in where matches are few.

@@ -5,8 +5,8 @@
 #include "base/median.h"
 #include "map/lens.h"
 #include "mapping/feature_mapper_impl.h"
-#include "mapping/graph_distance.h"
 #include "mapping/stopwatch.h"
+#include "tracking/graph_distance.h"
 
 namespace cairn::mapping {
 namespace {
@@ -26,14 +26,14 @@ double MedianDirectDepth(std::span<const direct::PacketPoint> points) {
   return depths.empty() ? 1.0 : Median(depths);
 }
 
-PoseSeed FeatureMapper::Impl::SeedPose(const direct::KeyframePacket& packet) const {
+tracking::PoseSeed FeatureMapper::Impl::SeedPose(const direct::KeyframePacket& packet) const {
   const SE3 last_from_map = last_.reference_from_camera.Inverse() * map_->keyframe(last_.reference).camera_from_map;
-  if (packet.segment != last_.segment) return PoseSeed{last_from_map};
+  if (packet.segment != last_.segment) return tracking::PoseSeed{last_from_map};
   const SE3 camera_from_last = packet.direct_from_camera.Inverse() * last_.direct_from_camera;
   // Without a scale only the turn is known.
-  if (!scale_.known()) return PoseSeed{SE3(camera_from_last.rotation(), Vector3d::Zero()) * last_from_map};
+  if (!scale_.known()) return tracking::PoseSeed{SE3(camera_from_last.rotation(), Vector3d::Zero()) * last_from_map};
   const SE3 motion = Scaled(camera_from_last, scale_.scale());
-  PoseSeed seed{motion * last_from_map};
+  tracking::PoseSeed seed{motion * last_from_map};
   // Once the relative scale is known: how good direct odometry is from one keyframe to the next.
   if (scale_.relative_sigma() > 0.0) {
     seed.translation_sigma =
@@ -52,13 +52,15 @@ std::vector<PointId> FeatureMapper::Impl::SeenLately() const {
   return seen;
 }
 
-bool FeatureMapper::Impl::Track(const PoseSeed& seed, Current* current) {
+bool FeatureMapper::Impl::Track(const tracking::PoseSeed& seed, Current* current) {
   CpuStopwatch watch;
   const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
   const std::vector<PointId> seen = SeenLately();
-  current->tracked = TrackKeyframe(*map_, view, seed, seen, last_.reference, median_depth_, 1.0, options_);
+  tracking::LocalMapStart start{.seed = seed, .seen = seen, .anchor = last_.reference, .median_depth = median_depth_};
+  current->tracked = TrackLocalMap(*map_, view, start, options_.tracker);
   if (!current->tracked.tracked) {
-    current->tracked = TrackKeyframe(*map_, view, seed, seen, last_.reference, median_depth_, kWideSearch, options_);
+    start.radius_factor = kWideSearch;
+    current->tracked = TrackLocalMap(*map_, view, start, options_.tracker);
   }
   current->report.matches = current->tracked.matches;
   current->report.inliers = current->tracked.inliers;
@@ -78,8 +80,12 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
     std::vector<PointId> seen;
     for (const auto& inlier : found.inliers) seen.push_back(inlier.point);
     const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
-    current->tracked = TrackKeyframe(*map_, view, {found.camera_from_map}, seen, found.reference_keyframe,
-                                     median_depth_, 1.0, options_);
+    current->tracked = TrackLocalMap(*map_, view,
+                                     {.seed = {found.camera_from_map},
+                                      .seen = seen,
+                                      .anchor = found.reference_keyframe,
+                                      .median_depth = median_depth_},
+                                     options_.tracker);
     tracked = current->tracked.tracked;
     current->report.matches = current->tracked.matches;
     current->report.inliers = current->tracked.inliers;
@@ -104,8 +110,12 @@ absl::StatusOr<std::optional<FeatureMapper::Found>> FeatureMapper::Impl::Locate(
     seen.push_back(inlier.point);
     depths.push_back((found.camera_from_map * map_->point(inlier.point).position).z());
   }
-  const TrackedKeyframe tracked = TrackKeyframe(*map_, {pinhole_, features, grid}, {found.camera_from_map}, seen,
-                                                found.reference_keyframe, Median(depths), 1.0, options_);
+  const tracking::TrackedView tracked = TrackLocalMap(*map_, {pinhole_, features, grid},
+                                                      {.seed = {found.camera_from_map},
+                                                       .seen = seen,
+                                                       .anchor = found.reference_keyframe,
+                                                       .median_depth = Median(depths)},
+                                                      options_.tracker);
   if (!tracked.tracked) return std::nullopt;
   Found result;
   result.component = map_->keyframe(found.reference_keyframe).component;
@@ -126,7 +136,8 @@ absl::StatusOr<std::optional<FeatureMapper::Found>> FeatureMapper::Impl::Locate(
 // nothing.
 bool FeatureMapper::Impl::MayGoOnAt(KeyframeId place, const direct::KeyframePacket& packet) const {
   if (!last_.known || packet.segment != last_.segment) return true;
-  return KeyframesWithin(*map_, last_.reference, options_.neighbour_way * median_depth_).contains(place);
+  return tracking::KeyframesWithin(*map_, last_.reference, options_.tracker.neighbour_way * median_depth_)
+      .contains(place);
 }
 
 std::optional<ScaleMeasurement> FeatureMapper::Impl::MeasureCentres(const Current& current) const {
@@ -171,7 +182,7 @@ double FeatureMapper::Impl::UpdateScale(const Current& current) {
 }
 
 absl::Status FeatureMapper::Impl::Accept(Current* current) {
-  const TrackedKeyframe& tracked = current->tracked;
+  const tracking::TrackedView& tracked = current->tracked;
   // Another world on the direct side: how large it is here has to be measured.
   if (last_.known && last_.segment != current->packet.segment) scale_.Forget();
   state_ = tracked.inliers >= options_.poor_inliers ? FeatureState::kGood : FeatureState::kPoor;

@@ -6,14 +6,15 @@
 #include <cmath>
 
 #include "mapping/full_adjustment.h"
-#include "mapping/graph_distance.h"
 #include "mapping/testing_loop.h"
+#include "tracking/graph_distance.h"
 
 namespace cairn::mapping {
 namespace {
 
 using testing::Ring;
 using testing::RingOptions;
+using tracking::KeyframesWithin;
 
 struct Round {
   LoopReport report;  // of the loop, or of the last keyframe

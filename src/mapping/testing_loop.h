@@ -12,6 +12,7 @@
 
 #include "base/random.h"
 #include "geometry/alignment.h"
+#include "image/testing_descriptors.h"
 #include "map/edit.h"
 #include "mapping/loop_correction.h"
 #include "mapping/testing_head.h"
@@ -125,7 +126,7 @@ class Ring {
       const double radius = kRadius + (random_.Below(2) == 0 ? -1.5 : 1.5);
       tracking::testing_world::WorldPoint point;
       point.position = {radius * std::sin(angle), random_.Uniform(-1.5, 1.5), radius * std::cos(angle)};
-      point.descriptor = tracking::testing_world::RandomDescriptor(random_);
+      point.descriptor = image::testing::RandomDescriptor(random_);
       point.finest_distance = random_.Uniform(3.0, 12.0);
       world_.points.push_back(point);
       angles_.push_back(angle);

@@ -7,12 +7,14 @@
 #include <map>
 #include <thread>
 
-#include "place/test_descriptors.h"
+#include "image/testing_descriptors.h"
 #include "place/training.h"
 
 namespace cairn::place {
 namespace {
 
+using image::testing::FlipBits;
+using image::testing::RandomDescriptor;
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
@@ -159,11 +161,11 @@ class MatchByWordsTest : public testing::Test {
   void SetUp() override {
     Random random(4);
     for (int i = 0; i < 400; ++i) {
-      a_.descriptors.push_back(RandomDescriptor(&random));
+      a_.descriptors.push_back(RandomDescriptor(random));
       a_.keypoints.push_back({0.0f, 0.0f, static_cast<float>(random.Uniform(-3, 3)), 0});
     }
     for (int i = 399; i >= 0; --i) {
-      b_.descriptors.push_back(FlipBits(a_.descriptors[i], 8, &random));
+      b_.descriptors.push_back(FlipBits(a_.descriptors[i], 8, random));
       b_.keypoints.push_back(a_.keypoints[i]);
     }
     TrainingOptions options;

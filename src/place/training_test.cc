@@ -6,20 +6,23 @@
 #include <cmath>
 #include <set>
 
-#include "place/test_descriptors.h"
+#include "image/testing_descriptors.h"
 
 namespace cairn::place {
 namespace {
+
+using image::testing::FlipBits;
+using image::testing::RandomDescriptor;
 
 // `clusters` random centres, `per_image` noisy members of each in every image.
 std::vector<ImageDescriptors> ClusteredImages(int images, int clusters, int per_image, int flips,
                                               std::vector<image::Descriptor>* centers) {
   Random random(17);
-  for (int c = 0; c < clusters; ++c) centers->push_back(RandomDescriptor(&random));
+  for (int c = 0; c < clusters; ++c) centers->push_back(RandomDescriptor(random));
   std::vector<ImageDescriptors> result(images);
   for (ImageDescriptors& image : result) {
     for (const image::Descriptor& center : *centers) {
-      for (int i = 0; i < per_image; ++i) image.push_back(FlipBits(center, flips, &random));
+      for (int i = 0; i < per_image; ++i) image.push_back(FlipBits(center, flips, random));
     }
   }
   return result;
@@ -41,7 +44,7 @@ TEST(Training, RecoversClustersExactly) {
   for (const image::Descriptor& center : centers) {
     const WordId word = vocabulary->Lookup(center);
     words.insert(word);
-    for (int i = 0; i < 20; ++i) EXPECT_EQ(vocabulary->Lookup(FlipBits(center, 25, &random)), word);
+    for (int i = 0; i < 20; ++i) EXPECT_EQ(vocabulary->Lookup(FlipBits(center, 25, random)), word);
   }
   EXPECT_EQ(words.size(), 8u);
   // The medians are the centres themselves: read back from the serialised descriptors (header 28, child counts 9).
@@ -57,8 +60,8 @@ TEST(Training, RecoversClustersExactly) {
 
 TEST(Training, WeightsAreIdf) {
   Random random(2);
-  const image::Descriptor everywhere = RandomDescriptor(&random), often = RandomDescriptor(&random),
-                          once = RandomDescriptor(&random);
+  const image::Descriptor everywhere = RandomDescriptor(random), often = RandomDescriptor(random),
+                          once = RandomDescriptor(random);
   std::vector<ImageDescriptors> images(10, {everywhere, everywhere});
   for (int i = 0; i < 5; ++i) images[i].push_back(often);
   images[7].push_back(once);
@@ -107,7 +110,7 @@ TEST(Training, SameInputSameBytes) {
 
 TEST(Training, RejectsWhatItCannotTrainOn) {
   Random random(3);
-  const image::Descriptor one = RandomDescriptor(&random), two = RandomDescriptor(&random);
+  const image::Descriptor one = RandomDescriptor(random), two = RandomDescriptor(random);
   const auto code = [](std::vector<ImageDescriptors> images, TrainingOptions options = {}) {
     return Train(images, options).status().code();
   };

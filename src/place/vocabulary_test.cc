@@ -8,11 +8,12 @@
 #include <filesystem>
 #include <fstream>
 
-#include "place/test_descriptors.h"
+#include "image/testing_descriptors.h"
 
 namespace cairn::place {
 namespace {
 
+using image::testing::FlipBits;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -54,7 +55,7 @@ TEST(Vocabulary, LooksUpWordsAndNodes) {
   EXPECT_EQ(vocabulary.Lookup(kLowHalf, 2, &node), 0u);  // the leaf is higher up
   EXPECT_EQ(node, 2u);
   Random random(1);
-  EXPECT_EQ(vocabulary.Lookup(FlipBits(kOnes, 20, &random)), 4u);
+  EXPECT_EQ(vocabulary.Lookup(FlipBits(kOnes, 20, random)), 4u);
 }
 
 TEST(Vocabulary, LooksUpManyAsOneByOne) {
@@ -62,7 +63,7 @@ TEST(Vocabulary, LooksUpManyAsOneByOne) {
   Random random(4);
   std::vector<image::Descriptor> descriptors;
   for (int i = 0; i < 100; ++i) {
-    descriptors.push_back(FlipBits(i % 3 == 0 ? kZeros : i % 3 == 1 ? kLowHalf : kOnes, i, &random));
+    descriptors.push_back(FlipBits(i % 3 == 0 ? kZeros : i % 3 == 1 ? kLowHalf : kOnes, i, random));
   }
   for (const int level : {0, 1, 2, 3}) {
     std::vector<NodeId> nodes;

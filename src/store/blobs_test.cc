@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "store/row.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

@@ -8,16 +8,16 @@
 #include "map/lens.h"
 #include "store/digest.h"
 #include "store/sqlite_map_store.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {
 
 using testing::MapGrower;
 using testing::SameBits;
+using testing::SnapshotPtr;
 using testing::TempFolder;
 using testing::TestInfo;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
 
 // Changes of every kind, in a random order.
 class Mutator {

@@ -9,8 +9,8 @@
 
 #include <filesystem>
 
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 #include "store/writer_lock.h"
 
 namespace cairn::store {
@@ -21,15 +21,16 @@ using testing::ExitCode;
 using ::testing::HasSubstr;
 using testing::InChild;
 using ::testing::IsEmpty;
+using testing::LoadMap;
 using testing::MakeMap;
 using testing::MapGrower;
 using testing::ReadBytes;
 using testing::SameBits;
+using testing::SnapshotPtr;
 using testing::TempFolder;
 using testing::TestInfo;
 using ::testing::UnorderedElementsAre;
 using testing::WriteBytes;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
 
 std::string Message(const absl::Status& status) { return std::string(status.message()); }
 
@@ -61,13 +62,7 @@ Growing Create(const std::string& path, int keyframes = 3, CreateOptions options
   return Grow(*std::move(store), keyframes);
 }
 
-void ExpectHolds(const std::string& path, const map::Snapshot& map) {
-  const auto store = OpenMapStore(path, OpenMode::kRead);
-  ASSERT_TRUE(store.ok()) << store.status();
-  const auto loaded = (*store)->LoadSnapshot();
-  ASSERT_TRUE(loaded.ok()) << loaded.status();
-  EXPECT_TRUE(SameBits(**loaded, map));
-}
+void ExpectHolds(const std::string& path, const map::Snapshot& map) { EXPECT_TRUE(SameBits(*LoadMap(path), map)); }
 
 class InFolder {
  public:
@@ -217,7 +212,7 @@ TEST(FilePaths, AFileThatWasCopiedOverTheMapIsLeftAlone) {
   const std::string path = folder.File("a.cairn");
   MakeMap(path, 20, 3);
   const std::string backup = ReadBytes(path);
-  const SnapshotPtr content = *(*OpenMapStore(path, OpenMode::kRead))->LoadSnapshot();
+  const SnapshotPtr content = LoadMap(path);
   Growing growing{*OpenMapStore(path, OpenMode::kWrite), MapGrower(21), content};
   ASSERT_TRUE(growing.AddKeyframe().ok());
   {

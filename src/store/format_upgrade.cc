@@ -1,6 +1,7 @@
 #include "store/format_upgrade.h"
 
 #include <memory>
+#include <utility>
 
 #include "store/delta_writer.h"
 #include "store/file_paths.h"
@@ -11,18 +12,6 @@
 
 namespace cairn::store {
 namespace {
-
-absl::StatusOr<std::vector<LoggedChange>> ReadLog(Database* database, std::int64_t format) {
-  CAIRN_ASSIGN_OR_RETURN(Statement rows, database->Prepare(kChangesTable.SelectSql("ORDER BY revision", format)));
-  std::vector<LoggedChange> changes;
-  Row row;
-  while (true) {
-    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
-    if (!found) return changes;
-    if (!row.ReadWithChecksum(rows)) return DamagedBy({"changes", rows.Int(0), "wrong checksum"});
-    CAIRN_RETURN_IF_ERROR(FromRow(rows, &changes.emplace_back()));
-  }
-}
 
 absl::StatusOr<std::string> MakeBackup(Database* database, const std::string& path, std::int64_t format) {
   const std::string backup = FreePath(absl::StrCat(path, ".format", format, "-backup"));
@@ -39,7 +28,8 @@ absl::Status UpgradeFormat(Database* database, const std::string& path, std::vec
   MapReader reader(database, DamagedBy);
   CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
   CAIRN_RETURN_IF_ERROR(reader.ReadEntities());
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<LoggedChange> changes, ReadLog(database, format));
+  CAIRN_ASSIGN_OR_RETURN(Statement log, database->Prepare(kChangesTable.SelectSql("ORDER BY revision", format)));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<LoggedChange> changes, ReadLog(std::move(log)));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, reader.Assemble());
   CAIRN_ASSIGN_OR_RETURN(const std::string backup, MakeBackup(database, path, format));
   CAIRN_RETURN_IF_ERROR(Migrate(database, BuiltInMigrations(), [&]() -> absl::Status {

@@ -9,8 +9,8 @@
 #include <filesystem>
 
 #include "map/edit.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {
@@ -20,6 +20,7 @@ using testing::ExitCode;
 using ::testing::HasSubstr;
 using testing::InChild;
 using ::testing::IsEmpty;
+using testing::LoadMap;
 using testing::ReadBytes;
 using testing::SameBits;
 using testing::TempFolder;
@@ -48,13 +49,6 @@ class GoldenFile : public ::testing::TestWithParam<Golden> {
   GoldenFile() : path_(folder_.File("map.cairn")) {
     std::filesystem::copy_file(std::string(GOLDEN_FOLDER) + "/" + GetParam().name, path_);
     std::filesystem::permissions(path_, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
-  }
-  std::shared_ptr<const map::Snapshot> Load(const std::string& path) {
-    const auto file = OpenMapStore(path, OpenMode::kRead);
-    EXPECT_TRUE(file.ok()) << file.status();
-    const auto map = (*file)->LoadSnapshot();
-    EXPECT_TRUE(map.ok()) << map.status();
-    return *map;
   }
   const TempFolder folder_;
   const std::string path_;
@@ -101,7 +95,7 @@ TEST_P(GoldenFile, IsReadAsItIs) {
 
 TEST_P(GoldenFile, IsBroughtUpToDate) {
   const Golden& golden = GetParam();
-  const auto before = Load(path_);
+  const auto before = LoadMap(path_);
   const std::string backup = path_ + ".format" + std::to_string(golden.format) + "-backup";
   {
     auto file = OpenMapStore(path_, OpenMode::kWrite);
@@ -125,7 +119,7 @@ TEST_P(GoldenFile, IsBroughtUpToDate) {
   EXPECT_THAT(folder_.Names(), UnorderedElementsAre("map.cairn", std::filesystem::path(backup).filename().string()));
   // The backup is the map as it was, and a second one does not take its place.
   EXPECT_EQ((*OpenMapStore(backup, OpenMode::kRead))->ReadSummary()->format_version, golden.format);
-  EXPECT_TRUE(SameBits(*Load(backup), *before));
+  EXPECT_TRUE(SameBits(*LoadMap(backup), *before));
   const std::string backup_bytes = ReadBytes(backup);
   std::filesystem::copy_file(std::string(GOLDEN_FOLDER) + "/" + golden.name, path_,
                              std::filesystem::copy_options::overwrite_existing);
@@ -136,7 +130,7 @@ TEST_P(GoldenFile, IsBroughtUpToDate) {
 
 // An upgrade that is cut short anywhere leaves the map as it was.
 TEST_P(GoldenFile, SurvivesAnUpgradeThatIsCutShort) {
-  const auto before = Load(path_);
+  const auto before = LoadMap(path_);
   const auto size = std::filesystem::file_size(path_);
   for (const double room : {0.01, 0.3, 0.9, 1.1, 1.5}) {
     const pid_t child = InChild([&] {
@@ -150,10 +144,10 @@ TEST_P(GoldenFile, SurvivesAnUpgradeThatIsCutShort) {
       return FaultOf(file.status()) == Fault::kFull ? 0 : 1;
     });
     EXPECT_THAT(ExitCode(child), ::testing::AnyOf(0, -1)) << room;
-    EXPECT_TRUE(SameBits(*Load(path_), *before)) << room;
+    EXPECT_TRUE(SameBits(*LoadMap(path_), *before)) << room;
   }
   ASSERT_TRUE(OpenMapStore(path_, OpenMode::kWrite).ok());
-  EXPECT_TRUE(SameBits(*Load(path_), *before));
+  EXPECT_TRUE(SameBits(*LoadMap(path_), *before));
 }
 
 INSTANTIATE_TEST_SUITE_P(Formats, GoldenFile, ::testing::ValuesIn(kGoldens), [](const auto& tested) {

@@ -4,26 +4,25 @@
 
 #include <filesystem>
 
-#include "store/test_failing_vfs.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_failing_vfs.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {
 
 using testing::FailingVfs;
 using ::testing::IsEmpty;
+using testing::LoadMap;
 using testing::MakeMap;
 using testing::MapGrower;
 using testing::SameBits;
+using testing::SnapshotPtr;
 using testing::TempFolder;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
 
-SnapshotPtr Load(const std::string& path) {
-  const auto store = SqliteMapStore::OpenReadOnly(path);
-  EXPECT_TRUE(store.ok()) << store.status();
-  EXPECT_THAT(*(*store)->Verify(), IsEmpty());
-  return *(*store)->LoadSnapshot();
+SnapshotPtr LoadVerified(const std::string& path) {
+  EXPECT_THAT(*(*SqliteMapStore::OpenReadOnly(path))->Verify(), IsEmpty());
+  return LoadMap(path);
 }
 
 // Adds keyframes and removes things, with the n-th call failing; tells whether any did.
@@ -58,7 +57,7 @@ bool CommitWithFailure(const std::string& path, int n, bool for_ever) {
   store.reset();
   vfs.FailAt(0, false);
   // What a disk that failed while it was to sync may have kept nevertheless is whole.
-  const SnapshotPtr loaded = Load(path);
+  const SnapshotPtr loaded = LoadVerified(path);
   EXPECT_TRUE(SameBits(*loaded, *map) || (in_flight && SameBits(*loaded, *in_flight))) << "call " << n;
   return failed;
 }
@@ -100,7 +99,7 @@ TEST(IoFault, OfEveryCallOfAnOpening) {
       }
       vfs.FailAt(0, false);
     }
-    EXPECT_TRUE(SameBits(*Load(path), *map)) << "call " << n;
+    EXPECT_TRUE(SameBits(*LoadVerified(path), *map)) << "call " << n;
     if (!failed) break;
   }
 }

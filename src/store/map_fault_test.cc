@@ -15,8 +15,8 @@
 #include "store/row.h"
 #include "store/sqlite.h"
 #include "store/sqlite_map_store.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {
@@ -27,14 +27,15 @@ using testing::ExitCode;
 using ::testing::HasSubstr;
 using testing::InChild;
 using ::testing::IsEmpty;
+using testing::LoadMap;
 using testing::MakeMap;
 using testing::MapGrower;
 using testing::ReadBytes;
+using testing::SnapshotPtr;
 using testing::TempFolder;
 using testing::TestInfo;
 using testing::WriteBytes;
 using testing::WriteForever;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
 
 // What reading the file comes to; never more than an error, and never other content than `good`.
 struct Reading {
@@ -351,7 +352,7 @@ TEST(MapFaults, FullDiskAtCreationLeavesTheOldMap) {
   });
   EXPECT_EQ(ExitCode(child), 0);
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
-  EXPECT_TRUE(testing::SameBits(**(*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot(), *map));
+  EXPECT_TRUE(testing::SameBits(*LoadMap(path), *map));
 }
 
 TEST(MapFaults, ReadOnlyMedium) {
@@ -423,9 +424,9 @@ TEST(MapFaults, ReplacingAMapDoesNotDisturbItsReaders) {
   EXPECT_EQ(FaultOf(reader->ReadDelta(*old_map).status()), Fault::kMoved);
   reader.reset();  // must not tidy up what belongs to the new map
   change(grower.AddKeyframe(map));
-  EXPECT_TRUE(testing::SameBits(**(*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot(), *map));
+  EXPECT_TRUE(testing::SameBits(*LoadMap(path), *map));
   ASSERT_TRUE(file->Close().ok());
-  EXPECT_TRUE(testing::SameBits(**(*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot(), *map));
+  EXPECT_TRUE(testing::SameBits(*LoadMap(path), *map));
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
 }
 

@@ -65,6 +65,17 @@ absl::StatusOr<std::vector<PointId>> PointIdsFromRow(const Statement& row, std::
   return UnpackPointIds(num_features, packed);
 }
 
+absl::StatusOr<std::vector<LoggedChange>> ReadLog(Statement rows) {
+  std::vector<LoggedChange> changes;
+  Row row;
+  while (true) {
+    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+    if (!found) return changes;
+    if (!row.ReadWithChecksum(rows)) return DamagedBy({"changes", rows.Int(0), "wrong checksum"});
+    CAIRN_RETURN_IF_ERROR(FromRow(rows, &changes.emplace_back()));
+  }
+}
+
 absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords(Database* database) {
   // docs/vocabulary.md, "File format".
   constexpr absl::string_view kMagic = "CAIRNVOC";
@@ -92,11 +103,10 @@ absl::Status MapReader::Report(absl::string_view table, std::int64_t id, absl::s
   return sink_(Finding{std::string(table), id, std::string(message)});
 }
 
-template <class Value, class Take>
-absl::Status MapReader::ReadTable(const TableSpec& table, Take take) {
+template <class Use>
+absl::Status MapReader::ForEachRow(const TableSpec& table, Use use) {
   CAIRN_ASSIGN_OR_RETURN(Statement rows,
                          database_->Prepare(table.SelectSql(absl::StrCat("ORDER BY ", table.columns[0]), format_)));
-  Row row;
   while (true) {
     const absl::StatusOr<bool> found = rows.Step();
     if (!found.ok()) {
@@ -105,16 +115,21 @@ absl::Status MapReader::ReadTable(const TableSpec& table, Take take) {
       return Report(table.name, 0, found.status().message());
     }
     if (!*found) return absl::OkStatus();
-    const std::int64_t id = rows.Int(0);
-    Value value;
-    if (!row.ReadWithChecksum(rows)) {
-      CAIRN_RETURN_IF_ERROR(Report(table.name, id, "wrong checksum"));
-    } else if (const absl::Status status = FromRow(rows, &value); !status.ok()) {
-      CAIRN_RETURN_IF_ERROR(Report(table.name, id, status.message()));
-    } else {
-      take(std::move(value));
-    }
+    CAIRN_RETURN_IF_ERROR(use(rows, rows.Int(0)));
   }
+}
+
+template <class Value, class Take>
+absl::Status MapReader::ReadTable(const TableSpec& table, Take take) {
+  Row row;
+  return ForEachRow(table, [&](const Statement& rows, std::int64_t id) -> absl::Status {
+    Value value;
+    if (!row.ReadWithChecksum(rows)) return Report(table.name, id, "wrong checksum");
+    if (const absl::Status status = FromRow(rows, &value); !status.ok())
+      return Report(table.name, id, status.message());
+    take(std::move(value));
+    return absl::OkStatus();
+  });
 }
 
 absl::Status MapReader::ReadInfo() {
@@ -208,34 +223,17 @@ map::Keyframe* MapReader::FindKeyframe(std::int64_t id) {
 absl::Status MapReader::ReadFeatures() {
   const absl::string_view table = kFeaturesTable.name;
   CAIRN_ASSIGN_OR_RETURN(const std::optional<std::uint32_t> num_words, ReadNumWords(database_));
-  CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kFeaturesTable.SelectSql("ORDER BY keyframe", format_)));
-  while (true) {
-    const absl::StatusOr<bool> found = rows.Step();
-    if (!found.ok()) {
-      if (!IsDamaged(found.status())) return found.status();
-      CAIRN_RETURN_IF_ERROR(Report(table, 0, found.status().message()));
-      break;
-    }
-    if (!*found) break;
-    const std::int64_t id = rows.Int(0);
+  CAIRN_RETURN_IF_ERROR(ForEachRow(kFeaturesTable, [&](const Statement& row, std::int64_t id) -> absl::Status {
     map::Keyframe* keyframe = FindKeyframe(id);
-    if (keyframe == nullptr) {
-      CAIRN_RETURN_IF_ERROR(Report(table, id, "there is no such keyframe"));
-      continue;
-    }
+    if (keyframe == nullptr) return Report(table, id, "there is no such keyframe");
     const auto camera = std::find_if(content_.cameras.begin(), content_.cameras.end(),
                                      [&](const map::MapCamera& other) { return other.id == keyframe->camera; });
-    if (camera == content_.cameras.end()) {
-      CAIRN_RETURN_IF_ERROR(Report(kKeyframesTable.name, id, "its camera is missing"));
-      continue;
-    }
-    auto features = FeaturesFromRow(rows, camera->pinhole, map_row_.info.orb.num_levels, num_words);
-    if (!features.ok()) {
-      CAIRN_RETURN_IF_ERROR(Report(table, id, features.status().message()));
-      continue;
-    }
+    if (camera == content_.cameras.end()) return Report(kKeyframesTable.name, id, "its camera is missing");
+    auto features = FeaturesFromRow(row, camera->pinhole, map_row_.info.orb.num_levels, num_words);
+    if (!features.ok()) return Report(table, id, features.status().message());
     keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
-  }
+    return absl::OkStatus();
+  }));
   for (const auto& keyframe : keyframes_) {
     if (!keyframe->features) CAIRN_RETURN_IF_ERROR(Report(table, keyframe->id.value(), "no good row for the keyframe"));
   }
@@ -244,31 +242,17 @@ absl::Status MapReader::ReadFeatures() {
 
 absl::Status MapReader::ReadPointIds() {
   const absl::string_view table = kKeyframePointsTable.name;
-  CAIRN_ASSIGN_OR_RETURN(Statement rows,
-                         database_->Prepare(kKeyframePointsTable.SelectSql("ORDER BY keyframe", format_)));
   std::size_t good = 0;
-  while (true) {
-    const absl::StatusOr<bool> found = rows.Step();
-    if (!found.ok()) {
-      if (!IsDamaged(found.status())) return found.status();
-      CAIRN_RETURN_IF_ERROR(Report(table, 0, found.status().message()));
-      break;
-    }
-    if (!*found) break;
-    const std::int64_t id = rows.Int(0);
+  CAIRN_RETURN_IF_ERROR(ForEachRow(kKeyframePointsTable, [&](const Statement& row, std::int64_t id) -> absl::Status {
     map::Keyframe* keyframe = FindKeyframe(id);
-    if (keyframe == nullptr) {
-      CAIRN_RETURN_IF_ERROR(Report(table, id, "there is no such keyframe"));
-    } else if (keyframe->features) {
-      auto ids = PointIdsFromRow(rows, keyframe->features->features.size());
-      if (!ids.ok()) {
-        CAIRN_RETURN_IF_ERROR(Report(table, id, ids.status().message()));
-      } else {
-        keyframe->points = *std::move(ids);
-        ++good;
-      }
-    }
-  }
+    if (keyframe == nullptr) return Report(table, id, "there is no such keyframe");
+    if (!keyframe->features) return absl::OkStatus();
+    auto ids = PointIdsFromRow(row, keyframe->features->features.size());
+    if (!ids.ok()) return Report(table, id, ids.status().message());
+    keyframe->points = *std::move(ids);
+    ++good;
+    return absl::OkStatus();
+  }));
   return good == keyframes_.size() ? absl::OkStatus() : Report(table, 0, "not every keyframe has a good row");
 }
 

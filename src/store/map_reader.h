@@ -26,6 +26,8 @@ absl::StatusOr<map::KeyframeFeatures> FeaturesFromRow(const Statement& row, cons
                                                       std::optional<std::uint32_t> num_words);
 // Likewise the points of the current row of table `keyframe_points`.
 absl::StatusOr<std::vector<PointId>> PointIdsFromRow(const Statement& row, std::size_t num_features);
+// Those rows of table `changes` that are selected, in that order.
+absl::StatusOr<std::vector<LoggedChange>> ReadLog(Statement rows);
 // The neighbours of a keyframe in their order.
 void SortCovisible(map::Keyframe* keyframe);
 // How many words the vocabulary in the file has; none if that is not known.
@@ -51,7 +53,10 @@ class MapReader {
 
  private:
   absl::Status Report(absl::string_view table, std::int64_t id, absl::string_view message);
-  // Reads the rows of a table with a row checksum in the order of their keys; `take` keeps one.
+  // Gives `use` each row of a table, with its key, in the order of the keys, and ends with its error.
+  template <class Use>
+  absl::Status ForEachRow(const TableSpec& table, Use use);
+  // The same for a table with a row checksum; `take` keeps a value.
   template <class Value, class Take>
   absl::Status ReadTable(const TableSpec& table, Take take);
   // Formats before 3 have none.

@@ -7,8 +7,8 @@
 #include <filesystem>
 
 #include "store/digest.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {
@@ -18,16 +18,15 @@ using testing::ExitCode;
 using ::testing::HasSubstr;
 using testing::InChild;
 using ::testing::IsEmpty;
+using testing::LoadMap;
 using testing::MakeMap;
 using testing::MapGrower;
 using testing::SameBits;
+using testing::SnapshotPtr;
 using testing::TempFolder;
 using testing::TestInfo;
 using ::testing::UnorderedElementsAre;
 using testing::WriteBytes;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
-
-SnapshotPtr Load(const std::string& path) { return *(*OpenMapStore(path, OpenMode::kRead))->LoadSnapshot(); }
 
 TEST(SqliteMapCreation, AMapComesIntoBeingWithItsFirstKeyframe) {
   const TempFolder folder;
@@ -53,11 +52,11 @@ TEST(SqliteMapCreation, AMapComesIntoBeingWithItsFirstKeyframe) {
   ASSERT_TRUE(store->Commit(first).ok());
   map = *map->Apply(first);
   EXPECT_TRUE(store->exists());
-  EXPECT_TRUE(SameBits(*Load(path), *map));
+  EXPECT_TRUE(SameBits(*LoadMap(path), *map));
   EXPECT_EQ(store->ReadChanges()->size(), 2u);
   ASSERT_TRUE(store->Close().ok());
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
-  EXPECT_TRUE(SameBits(*Load(path), *map));
+  EXPECT_TRUE(SameBits(*LoadMap(path), *map));
   EXPECT_EQ(FaultOf(CreateMapStore(path, TestInfo()).status()), Fault::kExists);
 }
 
@@ -73,7 +72,7 @@ TEST(SqliteMapCreation, NoKeyframeLeavesNothing) {
   const SnapshotPtr old = MakeMap(folder.File("a.cairn"), 3, 3);
   { auto store = *CreateMapStore(folder.File("a.cairn"), TestInfo(), {.overwrite = true}); }
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
-  EXPECT_TRUE(SameBits(*Load(folder.File("a.cairn")), *old));
+  EXPECT_TRUE(SameBits(*LoadMap(folder.File("a.cairn")), *old));
 }
 
 TEST(SqliteMapCreation, TheOldMapStaysUntilTheNewOneIsComplete) {
@@ -88,12 +87,12 @@ TEST(SqliteMapCreation, TheOldMapStaysUntilTheNewOneIsComplete) {
     ASSERT_TRUE(store->Commit(delta).ok());
     map = *map->Apply(delta);
   }
-  EXPECT_TRUE(SameBits(*Load(path), *old));
-  EXPECT_TRUE(SameBits(*Load(path + "-new"), *map));
+  EXPECT_TRUE(SameBits(*LoadMap(path), *old));
+  EXPECT_TRUE(SameBits(*LoadMap(path + "-new"), *map));
   EXPECT_EQ(FaultOf(OpenMapStore(path, OpenMode::kWrite).status()), Fault::kBusy);
   ASSERT_TRUE(store->Close().ok());
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
-  EXPECT_TRUE(SameBits(*Load(path), *map));
+  EXPECT_TRUE(SameBits(*LoadMap(path), *map));
 }
 
 TEST(SqliteMapCreation, AKilledOverwriteLosesNeither) {
@@ -120,7 +119,7 @@ TEST(SqliteMapCreation, AKilledOverwriteLosesNeither) {
     EXPECT_THAT((*store)->notes()[0], HasSubstr("a.cairn-new"));
     EXPECT_TRUE(SameBits(**(*store)->LoadSnapshot(), *old));
   }
-  EXPECT_EQ(Load(path + "-new")->keyframes().size(), 3u);
+  EXPECT_EQ(LoadMap(path + "-new")->keyframes().size(), 3u);
   // The next one that overwrites says so, and takes its place.
   auto store = *CreateMapStore(path, TestInfo(), {.overwrite = true});
   ASSERT_EQ(store->notes().size(), 1u);
@@ -133,7 +132,7 @@ TEST(SqliteMapCreation, AKilledOverwriteLosesNeither) {
     map = *map->Apply(delta);
   }
   ASSERT_TRUE(store->Close().ok());
-  EXPECT_TRUE(SameBits(*Load(path), *map));
+  EXPECT_TRUE(SameBits(*LoadMap(path), *map));
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
 }
 
@@ -174,7 +173,7 @@ TEST(SqliteMapCreation, AFileThatAppearsMeanwhileIsNotOverwritten) {
   EXPECT_EQ(FaultOf(closed), Fault::kMoved) << closed;
   EXPECT_THAT(std::string(closed.message()), HasSubstr("complete in " + path + "-new"));
   EXPECT_EQ(testing::ReadBytes(path), "somebody else's");
-  EXPECT_TRUE(SameBits(*Load(path + "-new"), **(*OpenMapStore(path + "-new", OpenMode::kRead))->LoadSnapshot()));
+  EXPECT_TRUE(SameBits(*LoadMap(path + "-new"), **map->Apply(first)));
 }
 
 }  // namespace

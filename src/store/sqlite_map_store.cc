@@ -336,9 +336,8 @@ absl::StatusOr<MapSummary> SqliteMapStore::ReadSummary() {
 absl::StatusOr<std::vector<LoggedChange>> SqliteMapStore::ReadChanges(const ChangeQuery& query) {
   auto read = [&]() -> absl::StatusOr<std::vector<LoggedChange>> {
     CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, database_->QueryInt("PRAGMA user_version"));
-    std::vector<LoggedChange> changes;
     // Formats before 4 do not know who made a change.
-    if (query.session && format < 4) return changes;
+    if (query.session && format < 4) return std::vector<LoggedChange>();
     const std::string by_session = query.session ? absl::StrCat(" AND session = ", query.session.value()) : "";
     CAIRN_ASSIGN_OR_RETURN(
         Statement rows,
@@ -346,13 +345,7 @@ absl::StatusOr<std::vector<LoggedChange>> SqliteMapStore::ReadChanges(const Chan
             absl::StrCat("WHERE revision >= ?1", by_session, " ORDER BY revision DESC LIMIT ?2"), format)));
     rows.Bind(1, static_cast<std::int64_t>(query.from_revision));
     rows.Bind(2, static_cast<std::int64_t>(std::max(0, query.max_count)));
-    Row row;
-    while (true) {
-      CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
-      if (!found) return changes;
-      if (!row.ReadWithChecksum(rows)) return DamagedBy({"changes", rows.Int(0), "wrong checksum"});
-      CAIRN_RETURN_IF_ERROR(FromRow(rows, &changes.emplace_back()));
-    }
+    return ReadLog(std::move(rows));
   }();
   if (!read.ok()) return Annotated(read.status());
   return read;

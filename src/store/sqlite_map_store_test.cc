@@ -11,7 +11,7 @@
 #include "map/lens.h"
 #include "store/digest.h"
 #include "store/sqlite.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {
@@ -21,9 +21,9 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::MapGrower;
 using testing::SameBits;
+using testing::SnapshotPtr;
 using testing::TempFolder;
 using testing::TestInfo;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
 
 std::string Message(const absl::Status& status) { return std::string(status.message()); }
 

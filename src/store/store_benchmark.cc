@@ -2,7 +2,7 @@
 #include <benchmark/benchmark.h>
 
 #include "store/sqlite_map_store.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {

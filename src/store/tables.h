@@ -1,36 +1,18 @@
-// The tables of a map file and their rows as values of map/entities.h. Columns are listed in docs/map-format.md.
+// The tables of a map file and their rows as values of map/entities.h. Columns are listed in docs/map-format.md and in
+// tables_columns.cc; rows are turned into values and back in tables_map.cc, tables_sessions.cc and tables_keyframes.cc.
 #pragma once
 
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <string>
 
 #include "base/status.h"
 #include "map/entities.h"
 #include "store/map_store.h"
 #include "store/row.h"
+#include "store/table_spec.h"
 
 namespace cairn::store {
-
-// The formats that the code of this folder tells apart.
-inline constexpr std::int64_t kNewestFormat = 4;
-
-struct TableSpec {
-  absl::string_view name;
-  std::span<const absl::string_view> columns;  // the key first
-  std::size_t num_keys = 1;
-  // The table before format 4: without so many columns before the last, or as `before_4` says.
-  std::size_t num_new_in_4 = 0;
-  std::span<const absl::string_view> before_4 = {};
-
-  // "SELECT <columns> FROM <name> <rest>", of the columns that a format has.
-  std::string SelectSql(absl::string_view rest, std::int64_t format = kNewestFormat) const;
-  // Inserts the row, or replaces everything but the key where there is one.
-  std::string UpsertSql() const;
-  // Replaces everything but the key of the row, if there is one.
-  std::string UpdateSql() const;
-};
 
 // With row_checksum as the last column.
 extern const TableSpec kMapTable;

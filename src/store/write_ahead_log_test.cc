@@ -10,8 +10,8 @@
 #include <filesystem>
 
 #include "store/row.h"
-#include "store/test_files.h"
-#include "store/test_maps.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {
@@ -22,17 +22,16 @@ using testing::ExitCode;
 using ::testing::HasSubstr;
 using testing::InChild;
 using ::testing::IsEmpty;
+using testing::LoadMap;
 using testing::MakeMap;
 using testing::MapGrower;
 using testing::ReadBytes;
 using testing::SameBits;
+using testing::SnapshotPtr;
 using testing::TempFolder;
 using testing::TestInfo;
 using testing::WriteBytes;
 using testing::WriteForever;
-using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
-
-SnapshotPtr Load(const std::string& path) { return *(*SqliteMapStore::OpenReadOnly(path))->LoadSnapshot(); }
 
 // Extends the map at `path` and is killed, so that its last changes are in the log; returns the last revision that was
 // acknowledged.
@@ -65,7 +64,7 @@ void ExpectRefused(const std::string& path, const map::Snapshot& content) {
   EXPECT_TRUE(ReadBytes(path) == file);
   EXPECT_TRUE(ReadBytes(path + "-wal") == log);
   std::filesystem::rename(path + "-wal", path + "-wal.old");
-  EXPECT_TRUE(SameBits(*Load(path), content));
+  EXPECT_TRUE(SameBits(*LoadMap(path), content));
   const auto writer = SqliteMapStore::Open(path);
   ASSERT_TRUE(writer.ok()) << writer.status();
   EXPECT_TRUE(SameBits(**(*writer)->LoadSnapshot(), content));
@@ -80,7 +79,7 @@ TEST(WriteAheadLog, OfAKilledWriterIsReplayed) {
     const Revision acknowledged = ExtendAndBeKilled(path, trial);
     EXPECT_TRUE(CheckLog(path).ok()) << CheckLog(path);
     if (trial % 2 == 0) {
-      EXPECT_GE(Load(path)->revision(), acknowledged);
+      EXPECT_GE(LoadMap(path)->revision(), acknowledged);
     }
   }
   EXPECT_THAT(*(*SqliteMapStore::Open(path))->Verify(), IsEmpty());
@@ -114,7 +113,7 @@ TEST(WriteAheadLog, IsNotReplayedOntoABackup) {
     const std::string path = folder.File("a.cairn"), backup = folder.File("backup.cairn");
     MakeMap(path, static_cast<std::uint64_t>(10 + trial), 3 + trial);
     std::filesystem::copy_file(path, backup);
-    const SnapshotPtr content = Load(backup);
+    const SnapshotPtr content = LoadMap(backup);
     // Backups of one session before, too.
     if (trial % 2 == 1) {
       MapGrower grower(7);
@@ -158,7 +157,7 @@ TEST(WriteAheadLog, IsNotReplayedOntoACopyMadeMeanwhile) {
     const int code = ExitCode(child);
     if (code == 3) GTEST_SKIP() << "needs the sqlite3 command";
     ASSERT_EQ(code, -1);
-    content = Load(copy);
+    content = LoadMap(copy);
     WriteBytes(path, ReadBytes(copy));
     ExpectRefused(path, *content);
   }
@@ -180,7 +179,7 @@ TEST(WriteAheadLog, OfNothingButAnOpeningIsNoObstacle) {
   });
   ASSERT_EQ(ExitCode(child), -1);
   EXPECT_TRUE(CheckLog(path).ok()) << CheckLog(path);
-  EXPECT_TRUE(SameBits(*Load(path), *map));
+  EXPECT_TRUE(SameBits(*LoadMap(path), *map));
 }
 
 TEST(WriteAheadLog, IsKnownAfterCompaction) {
@@ -192,7 +191,7 @@ TEST(WriteAheadLog, IsKnownAfterCompaction) {
     ASSERT_TRUE(store->Compact().ok());
   }
   const Revision acknowledged = ExtendAndBeKilled(path, 51);
-  EXPECT_GE(Load(path)->revision(), acknowledged);
+  EXPECT_GE(LoadMap(path)->revision(), acknowledged);
   // The row of table `map` is still where the log is known by.
   const std::string bytes = ReadBytes(path);
   const auto state = ParseMapPage(AsBytes(absl::string_view(bytes).substr(4096, 4096)));
@@ -229,7 +228,7 @@ TEST(WriteAheadLog, RandomBytesAreNoLog) {
       EXPECT_EQ(FaultOf(checked), Fault::kForeignLog);
       continue;
     }
-    EXPECT_GE(Load(path)->revision(), map->revision());
+    EXPECT_GE(LoadMap(path)->revision(), map->revision());
   }
   // Pages that are not of the kind.
   for (int trial = 0; trial < 2000; ++trial) {

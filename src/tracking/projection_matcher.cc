@@ -10,8 +10,6 @@ namespace cairn::tracking {
 namespace {
 
 constexpr double kFrontalCosine = 0.998;  // seen within 3.6 degrees of the mean direction: the patch looks the same
-constexpr double kFrontalRadiusPx = 2.5;
-constexpr double kObliqueRadiusPx = 4.0;
 constexpr int kNoDistance = 257;
 
 // The nearest feature, and the nearest other one of the same octave: features of neighbouring octaves at one place show

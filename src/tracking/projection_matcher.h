@@ -37,10 +37,14 @@ struct DescriptorLists {
   void Close() { begin.push_back(static_cast<std::uint32_t>(descriptors.size())); }  // ends the list of one point
 };
 
+// Search radii at octave 0: of a point seen from the front, and from aside.
+inline constexpr double kFrontalRadiusPx = 2.5;
+inline constexpr double kObliqueRadiusPx = 4.0;
+
 struct ProjectionOptions {
-  double radius_factor = 1.0;  // of the search radius: 2.5 px seen from the front, 4 px aside, times the octave's scale
-  int max_distance = 100;      // Hamming, bits
-  double max_ratio = 0.9;      // best against second best of the same octave; 1: no such test
+  double radius_factor = 1.0;         // of the search radius, which grows with the octave's scale
+  int max_distance = 100;             // Hamming, bits
+  double max_ratio = 0.9;             // best against second best of the same octave; 1: no such test
   double max_viewing_angle_deg = 60;  // between the ray and the mean direction the point was seen from
   double distance_slack = 1.25;       // beyond the distances in which the camera finds the point (map/viewing.h)
   int octave_slack = 1;               // features of octaves that differ by more from the predicted one are left out

@@ -5,9 +5,11 @@
 #include <cmath>
 #include <memory>
 #include <numbers>
+#include <span>
 #include <vector>
 
 #include "base/random.h"
+#include "image/testing_descriptors.h"
 #include "map/edit.h"
 #include "place/training.h"
 #include "place/vocabulary.h"
@@ -38,9 +40,7 @@ struct ViewOptions {
 
 inline const Pinhole kPinhole{640, 480, 500.0, 500.0, 319.5, 239.5};
 
-inline image::Descriptor RandomDescriptor(Random& random) {
-  return {random.Next(), random.Next(), random.Next(), random.Next()};
-}
+using image::testing::RandomDescriptor;
 
 inline image::Descriptor WithFlippedBits(image::Descriptor descriptor, int count, Random& random) {
   for (int i = 0; i < count; ++i) {
@@ -124,10 +124,12 @@ inline std::shared_ptr<const place::Vocabulary> TrainVocabulary(const World& wor
   return std::make_shared<const place::Vocabulary>(*place::Train(images, options));
 }
 
-// The map of keyframes at these poses, with every point that two or more of them see, at its true position.
+// The map of keyframes at these poses, with every point that two or more of them see, at its true position. A point
+// that more than `max_unseen` keyframes in a row have not seen comes back as another one: to a camera that does not
+// know the place again.
 inline std::shared_ptr<const map::Snapshot> BuildMap(const World& world, const std::vector<SE3>& poses,
                                                      const place::Vocabulary& vocabulary, const ViewOptions& options,
-                                                     Random& random) {
+                                                     Random& random, KeyframeId::Value max_unseen = 1000000) {
   map::MapInfo info;
   info.id = "0123456789abcdef0123456789abcdef";
   info.vocabulary_hash = vocabulary.hash();
@@ -157,9 +159,17 @@ inline std::shared_ptr<const map::Snapshot> BuildMap(const World& world, const s
     }
   }
   for (std::size_t i = 0; i < observations.size(); ++i) {
-    if (observations[i].size() < 2) continue;
-    const PointId id = edit.AddPoint(world.points[i].position);
-    for (const map::Observation& o : observations[i]) edit.AddObservation(id, o.keyframe, o.feature);
+    for (std::span<const map::Observation> left = observations[i]; !left.empty();) {
+      std::size_t count = 1;
+      while (count < left.size() && left[count].keyframe.value() - left[count - 1].keyframe.value() <= max_unseen + 1) {
+        ++count;
+      }
+      if (count >= 2) {
+        const PointId id = edit.AddPoint(world.points[i].position);
+        for (const map::Observation& o : left.first(count)) edit.AddObservation(id, o.keyframe, o.feature);
+      }
+      left = left.subspan(count);
+    }
   }
   return *snapshot->Apply(edit.Finish("test world"));
 }

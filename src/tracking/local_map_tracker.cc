@@ -1,4 +1,4 @@
-#include "mapping/keyframe_tracker.h"
+#include "tracking/local_map_tracker.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,23 +7,22 @@
 #include <unordered_set>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "base/median.h"
-#include "mapping/graph_distance.h"
 #include "optimization/pose_refinement.h"
+#include "tracking/graph_distance.h"
 #include "tracking/local_map.h"
 
-namespace cairn::mapping {
+namespace cairn::tracking {
 namespace {
 
-// The radius that projection search uses for a point seen from aside, per unit of its radius factor.
-constexpr double kObliqueRadiusPx = 4.0;
 constexpr std::size_t kMaxNearby = 20;
 
 std::vector<const map::MapPoint*> LocalPoints(const map::Snapshot& map, std::span<const PointId> seen,
                                               KeyframeId anchor, std::span<const KeyframeId> nearby,
-                                              const FeatureMapperOptions& options) {
-  tracking::LocalMapOptions local_options;
-  local_options.max_keyframes = options.max_local_keyframes;
+                                              const LocalMapTrackerOptions& options) {
+  LocalMapOptions local_options;
+  local_options.max_keyframes = options.max_keyframes;
   std::vector<KeyframeId> keyframes;
   std::unordered_set<KeyframeId> known;
   const auto add = [&](KeyframeId id) {
@@ -32,36 +31,36 @@ std::vector<const map::MapPoint*> LocalPoints(const map::Snapshot& map, std::spa
   add(anchor);
   for (const KeyframeId id : nearby) add(id);
   if (!seen.empty()) {
-    for (const KeyframeId id : tracking::LocalMapOfPoints(map, seen, local_options).keyframes) add(id);
+    for (const KeyframeId id : LocalMapOfPoints(map, seen, local_options).keyframes) add(id);
   }
   local_options.max_keyframes = static_cast<int>(std::max<std::size_t>(1, keyframes.size()));
   if (seen.empty()) {
-    local_options.max_keyframes = options.max_local_keyframes;
+    local_options.max_keyframes = options.max_keyframes;
   } else {
     local_options.neighbours_per_keyframe = 0;
     local_options.tree_neighbours = false;
   }
-  return tracking::LocalMapOfKeyframes(map, keyframes, local_options).points;
+  return LocalMapOfKeyframes(map, keyframes, local_options).points;
 }
 
 struct Round {
   bool ok = false;
   SE3 camera_from_map;
-  std::vector<tracking::PointMatch> inliers;
+  std::vector<PointMatch> inliers;
   std::vector<std::uint32_t> visible;
   int matches = 0;
 };
 
-Round MatchAndRefine(const tracking::FeatureView& view, const SE3& seed, std::span<const map::MapPoint* const> points,
-                     const image::OrbParameters& orb, const tracking::ProjectionOptions& projection,
+Round MatchAndRefine(const FeatureView& view, const SE3& seed, std::span<const map::MapPoint* const> points,
+                     const image::OrbParameters& orb, const ProjectionOptions& projection,
                      const optimization::PoseRefinementOptions& refinement) {
   Round round;
-  tracking::ProjectionMatches matched = tracking::MatchByProjection(view, seed, points, orb, projection);
+  ProjectionMatches matched = MatchByProjection(view, seed, points, orb, projection);
   round.matches = static_cast<int>(matched.matches.size());
   round.visible = std::move(matched.visible);
   std::vector<optimization::PoseObservation> observations;
   observations.reserve(matched.matches.size());
-  for (const tracking::PointMatch& match : matched.matches) {
+  for (const PointMatch& match : matched.matches) {
     const image::Keypoint& keypoint = view.features.keypoints[match.feature];
     observations.push_back(
         {points[match.point]->position, Vector2d(keypoint.x_px, keypoint.y_px), orb.Scale(keypoint.octave)});
@@ -77,13 +76,13 @@ Round MatchAndRefine(const tracking::FeatureView& view, const SE3& seed, std::sp
 }
 
 double MedianDepth(const SE3& camera_from_map, std::span<const map::MapPoint* const> points,
-                   std::span<const tracking::PointMatch> inliers) {
+                   std::span<const PointMatch> inliers) {
   std::vector<double> depths;
   for (const auto& match : inliers) depths.push_back((camera_from_map * points[match.point]->position).z());
   return Median(std::move(depths));
 }
 
-KeyframeId MostSharing(std::span<const map::MapPoint* const> points, std::span<const tracking::PointMatch> inliers) {
+KeyframeId MostSharing(std::span<const map::MapPoint* const> points, std::span<const PointMatch> inliers) {
   std::unordered_map<KeyframeId, int> count;
   for (const auto& match : inliers) {
     for (const map::Observation& observation : points[match.point]->observations) ++count[observation.keyframe];
@@ -100,8 +99,8 @@ KeyframeId MostSharing(std::span<const map::MapPoint* const> points, std::span<c
   return best;
 }
 
-}  // namespace
-
+// Of `among`, those whose camera is within `max_distance` and looks at most `max_angle_deg` away, at most `max_count`,
+// best first.
 std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, std::span<const KeyframeId> among,
                                         const SE3& camera_from_map, double max_distance, double max_angle_deg,
                                         std::size_t max_count) {
@@ -124,10 +123,24 @@ std::vector<KeyframeId> NearbyKeyframes(const map::Snapshot& map, std::span<cons
   return ids;
 }
 
-TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureView& view, const PoseSeed& seed,
-                              std::span<const PointId> seen, KeyframeId anchor, double median_depth,
-                              double radius_factor, const FeatureMapperOptions& options) {
-  TrackedKeyframe result;
+}  // namespace
+
+absl::Status LocalMapTrackerOptions::Validate() const {
+  const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("local map: ", what)); };
+  if (min_inliers < 10) return bad("min_inliers must be at least 10");
+  if (max_keyframes < 1) return bad("max_keyframes must be at least 1");
+  if (!(search_radius_px > 0.0) || !(refined_search_radius_px > 0.0)) return bad("search radii must be positive");
+  if (!(neighbour_distance >= 0.0)) return bad("neighbour_distance must not be negative");
+  if (!(neighbour_way >= 0.0)) return bad("neighbour_way must not be negative");
+  if (!(neighbour_angle_deg > 0.0 && neighbour_angle_deg < 180.0))
+    return bad("neighbour_angle_deg must be in (0, 180)");
+  return absl::OkStatus();
+}
+
+TrackedView TrackLocalMap(const map::Snapshot& map, const FeatureView& view, const LocalMapStart& start,
+                          const LocalMapTrackerOptions& options) {
+  const PoseSeed& seed = start.seed;
+  TrackedView result;
   result.camera_from_map = seed.camera_from_map;
   result.points.assign(view.features.size(), PointId());
   const image::OrbParameters& orb = map.info().orb;
@@ -135,16 +148,16 @@ TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureV
   if (seed.translation_sigma > 0.0 && seed.rotation_sigma_rad > 0.0) {
     refinement.prior = {seed.camera_from_map, seed.translation_sigma, seed.rotation_sigma_rad};
   }
-  const double reach = options.neighbour_distance * median_depth;
+  const double reach = options.neighbour_distance * start.median_depth;
   std::vector<KeyframeId> reachable;
-  for (const auto& [id, length] : KeyframesWithin(map, anchor, options.neighbour_way * median_depth)) {
+  for (const auto& [id, length] : KeyframesWithin(map, start.anchor, options.neighbour_way * start.median_depth)) {
     reachable.push_back(id);
   }
 
-  tracking::ProjectionOptions projection;
-  projection.radius_factor = radius_factor * options.search_radius_px / kObliqueRadiusPx;
+  ProjectionOptions projection;
+  projection.radius_factor = start.radius_factor * options.search_radius_px / kObliqueRadiusPx;
   result.nearby = NearbyKeyframes(map, reachable, seed.camera_from_map, reach, options.neighbour_angle_deg, kMaxNearby);
-  auto points = LocalPoints(map, seen, anchor, result.nearby, options);
+  auto points = LocalPoints(map, start.seen, start.anchor, result.nearby, options);
   Round round = MatchAndRefine(view, seed.camera_from_map, points, orb, projection, refinement);
   result.matches = round.matches;
   if (!round.ok || static_cast<int>(round.inliers.size()) < options.min_inliers / 2) return result;
@@ -154,7 +167,7 @@ TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureV
   projection.radius_factor = options.refined_search_radius_px / kObliqueRadiusPx;
   const SE3 first = round.camera_from_map;
   result.nearby = NearbyKeyframes(map, reachable, first, reach, options.neighbour_angle_deg, kMaxNearby);
-  points = LocalPoints(map, agreed, anchor, result.nearby, options);
+  points = LocalPoints(map, agreed, start.anchor, result.nearby, options);
   round = MatchAndRefine(view, first, points, orb, projection, refinement);
   result.matches = round.matches;
   result.inliers = static_cast<int>(round.inliers.size());
@@ -169,4 +182,4 @@ TrackedKeyframe TrackKeyframe(const map::Snapshot& map, const tracking::FeatureV
   return result;
 }
 
-}  // namespace cairn::mapping
+}  // namespace cairn::tracking

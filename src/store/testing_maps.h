@@ -19,6 +19,8 @@
 
 namespace cairn::store::testing {
 
+using SnapshotPtr = std::shared_ptr<const map::Snapshot>;
+
 struct GrowOptions {
   int features = 60;        // per keyframe
   int new_points = 15;      // per keyframe

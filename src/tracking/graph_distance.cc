@@ -1,11 +1,11 @@
-#include "mapping/graph_distance.h"
+#include "tracking/graph_distance.h"
 
 #include <functional>
 #include <queue>
 #include <utility>
 #include <vector>
 
-namespace cairn::mapping {
+namespace cairn::tracking {
 
 std::unordered_map<KeyframeId, double> KeyframesWithin(const map::Snapshot& map, KeyframeId from, double max_length) {
   std::unordered_map<KeyframeId, double> lengths;
@@ -39,4 +39,4 @@ std::unordered_map<KeyframeId, double> KeyframesWithin(const map::Snapshot& map,
   return lengths;
 }
 
-}  // namespace cairn::mapping
+}  // namespace cairn::tracking

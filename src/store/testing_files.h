@@ -1,4 +1,4 @@
-// For tests of what happens to map files: their bytes, processes that write them and are killed.
+// For tests of what happens to map files: their bytes and content, processes that write them and are killed.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -8,10 +8,12 @@
 #include <csignal>
 #include <fstream>
 #include <iterator>
+#include <memory>
 #include <string>
 
+#include "store/map_store.h"
 #include "store/sqlite_map_store.h"
-#include "store/test_maps.h"
+#include "store/testing_maps.h"
 
 namespace cairn::store::testing {
 
@@ -25,19 +27,27 @@ inline void WriteBytes(const std::string& path, const std::string& bytes) {
 }
 
 // Starts a map at `path`, or goes on with it.
-inline std::shared_ptr<const map::Snapshot> MakeMap(const std::string& path, std::uint64_t seed, int keyframes,
-                                                    GrowOptions options = {}) {
+inline SnapshotPtr MakeMap(const std::string& path, std::uint64_t seed, int keyframes, GrowOptions options = {}) {
   const std::string vocabulary(9000, 'w');
   auto file = *SqliteMapStore::Create(
       path, TestInfo(), {.overwrite = true, .vocabulary = vocabulary, .write = {.sync_every_commit = false}});
   MapGrower grower(seed, options);
-  std::shared_ptr<const map::Snapshot> map = map::Snapshot::Empty(TestInfo());
+  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
   for (int i = 0; i <= keyframes; ++i) {
     const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
     map = *map->Apply(delta);
     EXPECT_TRUE(file->Commit(delta).ok());
   }
   return map;
+}
+
+// What the map at `path` holds.
+inline SnapshotPtr LoadMap(const std::string& path) {
+  const auto store = OpenMapStore(path, OpenMode::kRead);
+  EXPECT_TRUE(store.ok()) << store.status();
+  const auto map = (*store)->LoadSnapshot();
+  EXPECT_TRUE(map.ok()) << map.status();
+  return *map;
 }
 
 // Runs `work` in a child process and gives its process id; what `work` returns is the exit code.
