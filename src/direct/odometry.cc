@@ -229,7 +229,7 @@ void Odometry::Impl::PublishPoses() {
 }
 
 void Odometry::Impl::Finish() {
-  while (MapNext()) {
+  while (OptimizeNext()) {
   }
   // Nothing else would correct the frames since the last keyframe.
   if (last_frame_.data != nullptr && !window_.empty()) MakeKeyframe(std::exchange(last_frame_, {}));
@@ -257,13 +257,13 @@ absl::StatusOr<FrameResult> Odometry::Process(const Frame& frame) {
   absl::StatusOr<FrameResult> tracked = impl_->Track(frame);
   if (!tracked.ok()) return tracked;
   const std::size_t position = impl_->FrameCount() - 1;
-  while (impl_->MapNext()) {
+  while (impl_->OptimizeNext()) {
   }
   return impl_->Result(position);
 }
 
 absl::StatusOr<FrameResult> Odometry::Track(const Frame& frame) { return impl_->Track(frame); }
-bool Odometry::MapNext() { return impl_->MapNext(); }
+bool Odometry::OptimizeNext() { return impl_->OptimizeNext(); }
 int Odometry::PendingFrames() const { return impl_->PendingFrames(); }
 bool Odometry::AwaitsKeyframe() const { return impl_->AwaitsKeyframe(); }
 std::vector<KeyframePacket> Odometry::TakePackets() { return impl_->TakePackets(); }

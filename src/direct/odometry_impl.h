@@ -32,7 +32,7 @@ class Odometry::Impl {
   Impl(const OdometryOptions& options, const Pinhole& camera);
 
   absl::StatusOr<FrameResult> Track(const Frame& frame);
-  bool MapNext();
+  bool OptimizeNext();
   int PendingFrames() const;
   bool AwaitsKeyframe() const {
     std::lock_guard lock(mutex_);
@@ -176,7 +176,7 @@ class Odometry::Impl {
   const PyramidGeometry geometry_;
   TraceOptions trace_options_;
 
-  // Shared between Track() and MapNext().
+  // Shared between Track() and OptimizeNext().
   mutable std::mutex mutex_;
   Mode mode_ = Mode::kStarting;
   std::vector<Job> jobs_;  // few; a deque would allocate for each

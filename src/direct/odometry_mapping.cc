@@ -19,7 +19,7 @@ SE3 Odometry::Impl::KeyframePoseOf(std::int64_t id) const {
   return keyframes_[static_cast<std::size_t>(id)].direct_from_camera;
 }
 
-bool Odometry::Impl::MapNext() {
+bool Odometry::Impl::OptimizeNext() {
   Job job;
   bool starting;
   {
