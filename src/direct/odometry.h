@@ -107,7 +107,7 @@ class Odometry {
 
   // Packets of the keyframes that left the window since the last call, in the order of leaving, and at once (and still
   // active) the first keyframe of a segment that began at a known view. None while a start may
-  // still be undone: then its keyframes, and the poses of its frames, are replaced (direct/odometry_confirmation.cc).
+  // still be undone: then its keyframes, and the poses of its frames, are replaced (direct/start_confirmation.h).
   std::vector<KeyframePacket> TakePackets();
   // The packet of a keyframe that is still in the window; NotFound otherwise. Not at the same time as OptimizeNext().
   absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;

@@ -1,22 +1,14 @@
-// Keyframes: tracing, activation, optimization, marginalization.
+// Keyframes: what OptimizeNext() makes of a frame, optimization, marginalization.
 #include <algorithm>
 #include <cmath>
 
 #include "direct/odometry_impl.h"
 
 namespace cairn::direct {
-namespace {
-
-constexpr int kCandidateBorderPx = 4;
-constexpr float kMaxActivationIntervalPx = 8.0f;
-constexpr double kMaxSpacingPx = 12.0;
-constexpr double kPassSpacing[3] = {1.0, 1.5, 2.0};
-
-}  // namespace
 
 SE3 Odometry::Impl::KeyframePoseOf(std::int64_t id) const {
   std::lock_guard lock(mutex_);
-  return keyframes_[static_cast<std::size_t>(id)].direct_from_camera;
+  return poses_.keyframe(id).direct_from_camera;
 }
 
 bool Odometry::Impl::OptimizeNext() {
@@ -34,7 +26,7 @@ bool Odometry::Impl::OptimizeNext() {
     return true;
   }
   if (job.lost) {
-    lost_.push_back({job.frame, job.position});
+    retained_.AddLost(job.frame, job.position);
     DoubtStart(job.frame, job.position, false);
     if (job.restart) {
       FlushWindow();
@@ -59,7 +51,7 @@ bool Odometry::Impl::OptimizeNext() {
     --untracked_jobs_;
     return true;
   }
-  lost_.clear();
+  retained_.ClearLost();
   last_frame_ = {};
   const Frame frame = job.data->frame;
   const std::size_t position = job.position;
@@ -69,40 +61,12 @@ bool Odometry::Impl::OptimizeNext() {
     keyframe_queued_ = false;
   } else if (!window_.empty()) {
     const Timer timer(this, &statistics_.trace);
-    TraceFrame(*job.data, (KeyframePoseOf(job.reference) * job.keyframe_from_camera).Inverse(), job.light, job.covered);
+    candidates_.Trace(*job.data, (KeyframePoseOf(job.reference) * job.keyframe_from_camera).Inverse(), job.light,
+                      job.covered);
     last_frame_ = std::move(job);
   }
   DoubtStart(frame, position, true);
   return true;
-}
-
-// Whether a candidate is behind an obstacle, where it is expected by what is known of its depth.
-bool Odometry::Impl::Hidden(const Pinhole& camera, const PairProjection& pair, const ImmaturePoint& point,
-                            const CellSet& covered) const {
-  const float inverse_depth = point.max_inverse_depth > 0.0f
-                                  ? 0.5f * (point.min_inverse_depth + point.max_inverse_depth)
-                                  : point.min_inverse_depth;
-  float u, v;
-  if (ProjectInto(pair, point.x, point.y, inverse_depth, &u, &v) < kMinDepthRatio) return false;
-  return camera.Contains(Vector2d(u, v), 0.0) &&
-         (cover_.Covered(u, v) || covered[CellOf(camera, static_cast<double>(u), static_cast<double>(v))]);
-}
-
-void Odometry::Impl::TraceFrame(const FrameData& data, const SE3& camera_from_direct, const AffineLight& light,
-                                const CellSet& covered) {
-  const Pinhole& camera = geometry_.camera[0];
-  const bool any = cover_.any() || covered != CellSet{};
-  for (int k = 0; k < window_.size(); ++k) {
-    Keyframe& host = window_.keyframe(k);
-    const double gain =
-        ExposureRatio(data.frame.exposure_gain, host.data->frame.exposure_gain) * std::exp(light.a - host.light.a);
-    const PairProjection pair = MakePairProjection(
-        geometry_.camera[0], camera_from_direct * host.camera_from_direct.Inverse(), gain, light.b, host.light.b);
-    for (ImmaturePoint& point : host.immature) {
-      if (any && Hidden(camera, pair, point, covered)) continue;
-      TracePoint(data.pyramid, pair, trace_options_, &point);
-    }
-  }
 }
 
 void Odometry::Impl::MakeKeyframe(const Job& job) {
@@ -113,16 +77,16 @@ void Odometry::Impl::MakeKeyframe(const Job& job) {
   keyframe->light = job.light;
   {
     const Timer timer(this, &statistics_.trace);
-    TraceFrame(*job.data, keyframe->camera_from_direct, keyframe->light, job.covered);
+    candidates_.Trace(*job.data, keyframe->camera_from_direct, keyframe->light, job.covered);
   }
   {
     std::lock_guard lock(mutex_);
-    keyframe->id = static_cast<std::int64_t>(keyframes_.size());
+    keyframe->id = poses_.next_keyframe();
     const Frame& frame = job.data->frame;
-    keyframes_.push_back({keyframe->id, segment_, frame.index, frame.time_ns, keyframe->camera_from_direct.Inverse(),
-                          true, job.reference, job.keyframe_from_camera});
-    results_[job.position].keyframe = keyframe->id;
-    results_[job.position].keyframe_from_camera = SE3();
+    poses_.AddKeyframe({keyframe->id, segment_, frame.index, frame.time_ns, keyframe->camera_from_direct.Inverse(),
+                        true, job.reference, job.keyframe_from_camera});
+    poses_.frame(job.position).keyframe = keyframe->id;
+    poses_.frame(job.position).keyframe_from_camera = SE3();
   }
   window_.AddKeyframe(std::move(keyframe));
   window_.ConnectNewest();
@@ -130,7 +94,7 @@ void Odometry::Impl::MakeKeyframe(const Job& job) {
   const std::vector<bool> goes = ChooseMarginalized();
   {
     const Timer timer(this, &statistics_.activate);
-    ActivatePoints(goes);
+    candidates_.Activate(goes);
   }
   {
     const Timer timer(this, &statistics_.optimize);
@@ -143,7 +107,7 @@ void Odometry::Impl::MakeKeyframe(const Job& job) {
   PublishPoses();
   SetReference(BuildReference(newest));
   const Timer timer(this, &statistics_.marginalize);
-  SelectCandidates(&window_.newest());
+  candidates_.Select(&window_.newest());
   Marginalize(goes);
 }
 
@@ -200,85 +164,6 @@ std::vector<bool> Odometry::Impl::ChooseMarginalized() const {
   return goes;
 }
 
-void Odometry::Impl::ActivatePoints(const std::vector<bool>& goes) {
-  // The spacing steers the number of points.
-  const auto seen = [n = window_.size() - 1](const ActivePoint& point) {
-    return point.residuals[n].state != ResidualState::kCovered;
-  };
-  const double have = static_cast<double>(std::count_if(window_.points().begin(), window_.points().end(), seen)) /
-                      options_.max_active_points;
-  const double change = have < 0.66   ? -0.8
-                        : have < 0.8  ? -0.5
-                        : have < 0.9  ? -0.2
-                        : have < 1.0  ? -0.1
-                        : have > 1.5  ? 0.8
-                        : have > 1.3  ? 0.5
-                        : have > 1.15 ? 0.2
-                                      : 0.1;
-  spacing_px_ = std::clamp(spacing_px_ + 2.0 * change, 0.0, kMaxSpacingPx);
-
-  const int newest = window_.size() - 1;
-  const Pinhole& camera = geometry_.camera[0];
-  spacing_.Reset(camera.width_px, camera.height_px);
-  std::vector<PairProjection> to_newest(window_.size());
-  for (int h = 0; h < newest; ++h) to_newest[h] = window_.Projection(h, newest);
-  const auto project = [&](int host, float x, float y, float inverse_depth, float* u, float* v) {
-    if (ProjectInto(to_newest[host], x, y, inverse_depth, u, v) < kMinDepthRatio) return false;
-    return *u > 2.0f && *v > 2.0f && *u < static_cast<float>(camera.width_px - 3) &&
-           *v < static_cast<float>(camera.height_px - 3);
-  };
-  float u, v;
-  for (const ActivePoint& point : window_.points()) {
-    if (point.host < newest && project(point.host, point.x, point.y, point.inverse_depth, &u, &v)) spacing_.Add(u, v);
-  }
-  // With only a start's few keyframes one agreeing image must do.
-  const int min_good = 1;
-  ActivePoint active;
-  for (int h = 0; h < newest; ++h) {
-    std::vector<ImmaturePoint>& immature = window_.keyframe(h).immature;
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < immature.size(); ++i) {
-      const ImmaturePoint& point = immature[i];
-      if (point.status == TraceStatus::kOutOfImage) continue;  // an outlier twice
-      const bool known = point.max_inverse_depth > 0.0f && point.interval_px < kMaxActivationIntervalPx &&
-                         point.quality > options_.min_trace_quality && point.status != TraceStatus::kOutlier &&
-                         point.status != TraceStatus::kNew;
-      const float middle = 0.5f * (point.min_inverse_depth + point.max_inverse_depth);
-      bool keep = !goes[h];
-      if (known && project(h, point.x, point.y, middle, &u, &v) && !cover_.Covered(u, v) &&
-          !spacing_.HasNeighbour(u, v, static_cast<float>(spacing_px_ * kPassSpacing[point.pass]))) {
-        keep = false;
-        if (window_.RefineCandidate(point, h, options_.min_activation_hessian, min_good, &active)) {
-          window_.AddPoint(active);
-          ++window_.keyframe(h).points_made;
-          spacing_.Add(u, v);
-        }
-      }
-      if (keep) {
-        if (kept != i) immature[kept] = immature[i];
-        ++kept;
-      }
-    }
-    immature.resize(kept);
-  }
-}
-
-void Odometry::Impl::SelectCandidates(Keyframe* keyframe) {
-  const ImagePyramid& pyramid = keyframe->data->pyramid;
-  selector_.Select(pyramid, options_.candidates_per_keyframe, options_.gradient_offset_gray, kCandidateBorderPx,
-                   &selected_);
-  keyframe->immature.clear();
-  keyframe->immature.reserve(selected_.size());
-  ImmaturePoint point;
-  for (const SelectedPixel& pixel : selected_) {
-    if (cover_.Covered(pixel.x, pixel.y)) continue;
-    if (!MakeImmaturePoint(pyramid, pixel.x, pixel.y, options_.gradient_constant_gray, options_.outlier_gray, &point))
-      continue;
-    point.pass = pixel.pass;
-    keyframe->immature.push_back(point);
-  }
-}
-
 std::shared_ptr<const TrackingReference> Odometry::Impl::BuildReference(int index) {
   const Keyframe& keyframe = window_.keyframe(index);
   auto reference = std::make_shared<TrackingReference>();
@@ -314,26 +199,12 @@ void Odometry::Impl::Marginalize(const std::vector<bool>& goes) {
     {
       std::lock_guard lock(mutex_);
       packets_.push_back(MakePacket(window_.keyframe(k), false));
-      KeyframePose& pose = keyframes_[static_cast<std::size_t>(window_.keyframe(k).id)];
+      KeyframePose& pose = poses_.keyframe(window_.keyframe(k).id);
       pose.direct_from_camera = packets_.back().direct_from_camera;
       pose.still_active = false;
     }
     window_.MarginalizeKeyframe(k);
   }
-}
-
-// The frames since the last tracked one wait for the next start, before all that were handed over since.
-void Odometry::Impl::RequeueLost() {
-  std::lock_guard lock(mutex_);
-  for (auto it = lost_.rbegin(); it != lost_.rend(); ++it) {
-    Job job;
-    job.frame = it->frame;
-    job.position = it->position;
-    jobs_.insert(jobs_.begin(), std::move(job));
-    ++untracked_jobs_;
-  }
-  --untracked_jobs_;  // the frame that gave up is counted and among them
-  lost_.clear();
 }
 
 void Odometry::Impl::FlushWindow() {
@@ -342,7 +213,7 @@ void Odometry::Impl::FlushWindow() {
     std::lock_guard lock(mutex_);
     for (int k = 0; k < window_.size(); ++k) {
       packets_.push_back(MakePacket(window_.keyframe(k), false));
-      keyframes_[static_cast<std::size_t>(window_.keyframe(k).id)].still_active = false;
+      poses_.keyframe(window_.keyframe(k).id).still_active = false;
     }
     references_.clear();
     start_doubted_ = false;
@@ -351,9 +222,6 @@ void Odometry::Impl::FlushWindow() {
   window_.Clear();
   start_.Reset();
   cover_.Reset();
-  clear_reference_ = nullptr;
-  retained_.clear();
-  start_reference_ = 0;
 }
 
 }  // namespace cairn::direct
