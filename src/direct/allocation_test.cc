@@ -60,7 +60,7 @@ TEST(Allocation, FramesAllocateNothingAndKeyframesLittle) {
     ASSERT_TRUE(result.ok()) << result.status();
     const int tracking = allocations;
     allocations = 0, counting = true;
-    while (odometry.MapNext()) {
+    while (odometry.OptimizeNext()) {
     }
     counting = false;
     odometry.TakePackets();

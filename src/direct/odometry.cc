@@ -37,13 +37,13 @@ Odometry::Impl::Impl(const OdometryOptions& options, const Pinhole& camera)
       tracker_(geometry_, options.huber_gray, options.coarse_cutoff_gray),
       window_(geometry_, MakeWindowOptions(options)),
       reference_builder_(geometry_, options.huber_gray, options.coarse_cutoff_gray),
-      start_(options, camera),
-      cover_(geometry_.camera[0]) {
-  trace_options_.max_search_px =
-      options.max_search_share * (geometry_.camera[0].width_px + geometry_.camera[0].height_px);
-  trace_options_.slack_px = options.trace_slack_px;
-  trace_options_.huber_gray = options.huber_gray;
-}
+      cover_(geometry_.camera[0]),
+      candidates_(options, geometry_, &window_, &cover_.mask),
+      first_window_(options, camera, geometry_, &window_, &candidates_,
+                    [this](const Frame& frame) { return NewFrameData(frame); }),
+      retained_(options.max_retained_frames),
+      start_(options, camera, &retained_, &first_window_),
+      confirmation_(&start_.corners()) {}
 
 absl::Status Odometry::Impl::CheckFrame(const Frame& frame) const {
   const auto describe = [](const cv::Mat& image) {
@@ -66,9 +66,9 @@ absl::Status Odometry::Impl::CheckFrame(const Frame& frame) const {
   }
   std::lock_guard lock(mutex_);
   if (finished_) return absl::FailedPreconditionError("the odometry is finished; no more frames");
-  if (!results_.empty() && frame.index <= results_.back().index) {
+  if (!poses_.frames().empty() && frame.index <= poses_.frames().back().index) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("frame %d comes after frame %d: indices must grow", frame.index, results_.back().index));
+        absl::StrFormat("frame %d comes after frame %d: indices must grow", frame.index, poses_.frames().back().index));
   }
   return absl::OkStatus();
 }
@@ -82,16 +82,9 @@ std::shared_ptr<FrameData> Odometry::Impl::NewFrameData(const Frame& frame) {
   return data;
 }
 
-SE3 Odometry::Impl::DirectFromCamera(const FrameResult& result) const {
-  if (result.keyframe < 0) return result.direct_from_camera;
-  return keyframes_[static_cast<std::size_t>(result.keyframe)].direct_from_camera * result.keyframe_from_camera;
-}
-
 FrameResult Odometry::Impl::Result(std::size_t position) const {
   std::lock_guard lock(mutex_);
-  FrameResult result = results_[position];
-  result.direct_from_camera = DirectFromCamera(result);
-  if (result.keyframe >= 0) result.segment = keyframes_[static_cast<std::size_t>(result.keyframe)].segment;
+  FrameResult result = poses_.Composed(position);
   if (result.state == TrackingState::kInitializing) result.message = start_message_;
   return result;
 }
@@ -106,21 +99,21 @@ PoseHistory Odometry::Impl::Poses() const {
     std::int64_t undone;
     {
       std::lock_guard lock(mutex_);
-      count = results_.size();
-      keyframes = keyframes_.size();
+      count = poses_.frames().size();
+      keyframes = poses_.keyframes().size();
       undone = statistics_.starts_undone;
     }
     history.frames.resize(count);
     for (std::size_t begin = 0; begin < count; begin += kPart) {
       std::lock_guard lock(mutex_);
       const std::size_t end = std::min(begin + kPart, count);
-      std::copy(results_.begin() + static_cast<std::ptrdiff_t>(begin),
-                results_.begin() + static_cast<std::ptrdiff_t>(end),
+      std::copy(poses_.frames().begin() + static_cast<std::ptrdiff_t>(begin),
+                poses_.frames().begin() + static_cast<std::ptrdiff_t>(end),
                 history.frames.begin() + static_cast<std::ptrdiff_t>(begin));
     }
     history.keyframes.resize(keyframes + kMaxWindow);  // so that no memory is asked for under the lock
     std::lock_guard lock(mutex_);
-    history.keyframes.assign(keyframes_.begin(), keyframes_.end());
+    history.keyframes.assign(poses_.keyframes().begin(), poses_.keyframes().end());
     consistent = undone == statistics_.starts_undone;
   }
   for (FrameResult& result : history.frames) {
@@ -135,16 +128,15 @@ PoseHistory Odometry::Impl::Poses() const {
 
 std::vector<KeyframePose> Odometry::Impl::KeyframeTrajectory() const {
   std::lock_guard lock(mutex_);
-  return keyframes_;
+  return poses_.keyframes();
 }
 
 OdometryStatistics Odometry::Impl::Statistics() const {
   std::lock_guard lock(mutex_);
   OdometryStatistics statistics = statistics_;
-  statistics.frames = static_cast<std::int64_t>(results_.size());
-  statistics.keyframes = static_cast<std::int64_t>(keyframes_.size());
-  statistics.frames_tracked =
-      std::count_if(results_.begin(), results_.end(), [](const FrameResult& r) { return r.keyframe >= 0; });
+  statistics.frames = static_cast<std::int64_t>(poses_.frames().size());
+  statistics.keyframes = static_cast<std::int64_t>(poses_.keyframes().size());
+  statistics.frames_tracked = poses_.CountTracked();
   return statistics;
 }
 
@@ -170,16 +162,6 @@ absl::StatusOr<KeyframePacket> Odometry::Impl::PacketOf(std::int64_t keyframe) c
   return absl::NotFoundError(absl::StrFormat("direct keyframe %d is not in the window", keyframe));
 }
 
-double Odometry::Impl::KeyframeRateHz() const {
-  // Over the last ten keyframes of the segment.
-  const std::size_t n = keyframes_.size();
-  std::size_t first = n > 10 ? n - 10 : 0;
-  while (first < n && keyframes_[first].segment != keyframes_.back().segment) ++first;
-  if (n < first + 2) return 0.0;
-  const double seconds = ToSeconds(keyframes_.back().time_ns - keyframes_[first].time_ns);
-  return seconds > 0.0 ? static_cast<double>(n - 1 - first) / seconds : 0.0;
-}
-
 // Every settled and active point of the window that projects into the keyframe. Call with mutex_ held.
 KeyframePacket Odometry::Impl::MakePacket(const Keyframe& keyframe, bool still_active) const {
   KeyframePacket packet;
@@ -187,7 +169,7 @@ KeyframePacket Odometry::Impl::MakePacket(const Keyframe& keyframe, bool still_a
   packet.segment = keyframe.segment;
   packet.frame = keyframe.data->frame;
   packet.direct_from_camera = keyframe.camera_from_direct.Inverse();
-  packet.keyframe_rate_hz = KeyframeRateHz();
+  packet.keyframe_rate_hz = poses_.KeyframeRateHz();
   packet.still_active = still_active;
   const Pinhole& camera = geometry_.camera[0];
   const auto add = [&](const SE3& keyframe_from_host, float x, float y, float inverse_depth, float hessian) {
@@ -224,12 +206,12 @@ void Odometry::Impl::PublishPoses() {
   std::lock_guard lock(mutex_);
   for (int k = 0; k < window_.size(); ++k) {
     const Keyframe& keyframe = window_.keyframe(k);
-    keyframes_[static_cast<std::size_t>(keyframe.id)].direct_from_camera = keyframe.camera_from_direct.Inverse();
+    poses_.keyframe(keyframe.id).direct_from_camera = keyframe.camera_from_direct.Inverse();
   }
 }
 
 void Odometry::Impl::Finish() {
-  while (MapNext()) {
+  while (OptimizeNext()) {
   }
   // Nothing else would correct the frames since the last keyframe.
   if (last_frame_.data != nullptr && !window_.empty()) MakeKeyframe(std::exchange(last_frame_, {}));
@@ -257,13 +239,13 @@ absl::StatusOr<FrameResult> Odometry::Process(const Frame& frame) {
   absl::StatusOr<FrameResult> tracked = impl_->Track(frame);
   if (!tracked.ok()) return tracked;
   const std::size_t position = impl_->FrameCount() - 1;
-  while (impl_->MapNext()) {
+  while (impl_->OptimizeNext()) {
   }
   return impl_->Result(position);
 }
 
 absl::StatusOr<FrameResult> Odometry::Track(const Frame& frame) { return impl_->Track(frame); }
-bool Odometry::MapNext() { return impl_->MapNext(); }
+bool Odometry::OptimizeNext() { return impl_->OptimizeNext(); }
 int Odometry::PendingFrames() const { return impl_->PendingFrames(); }
 bool Odometry::AwaitsKeyframe() const { return impl_->AwaitsKeyframe(); }
 std::vector<KeyframePacket> Odometry::TakePackets() { return impl_->TakePackets(); }

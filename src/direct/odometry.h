@@ -5,8 +5,8 @@
 //
 // Poses are in frame "direct": the first keyframe of a segment is its origin, the median depth there is 1.
 //
-// One thread: Process() for each frame. Two threads: Track() on one, MapNext() on the other; the two calls may run at
-// the same time, everything else is safe between calls of either. Same input through Process(): same output, to the
+// One thread: Process() for each frame. Two threads: Track() on one, OptimizeNext() on the other; the two calls may run
+// at the same time, everything else is safe between calls of either. Same input through Process(): same output, to the
 // bit.
 #pragma once
 
@@ -32,7 +32,7 @@ struct StageTime {
 struct OdometryStatistics {
   StageTime pyramid;      // per frame
   StageTime track;        // per frame, pyramid included
-  StageTime trace;        // per mapped frame
+  StageTime trace;        // per tracked frame
   StageTime activate;     // per keyframe
   StageTime optimize;     // per keyframe
   StageTime marginalize;  // per keyframe
@@ -82,32 +82,34 @@ class Odometry {
   Odometry(const Odometry&) = delete;
   Odometry& operator=(const Odometry&) = delete;
 
-  // Track() and then all the mapping it asks for. The result is the best known of this frame after mapping.
+  // Track() and then OptimizeNext() until nothing is left. The result is the best known of this frame after that.
   // InvalidArgument (and nothing changes) for an image that is empty or not of the camera's size and type, or a frame
   // whose index is not larger than the last one's.
   absl::StatusOr<FrameResult> Process(const Frame& frame);
 
-  // The live pose of one frame, and its hand-over to MapNext(). While the odometry starts, or starts anew, the state is
-  // kInitializing and `message` says what it waits for; such frames get their poses once the start succeeds.
+  // The live pose of one frame, and its hand-over to OptimizeNext(). While the odometry starts, or starts anew, the
+  // state is kInitializing and `message` says what it waits for; such frames get their poses once the start succeeds.
   absl::StatusOr<FrameResult> Track(const Frame& frame);
-  // Maps the oldest frame handed over (traces points, or makes it a keyframe); false if there was none.
-  bool MapNext();
+  // Works the oldest frame handed over into the window: its image narrows the depths of candidate points, or it becomes
+  // a keyframe and the window is optimized. While the odometry starts, it is one more frame for the start. False if
+  // there was none.
+  bool OptimizeNext();
   int PendingFrames() const;
   // The view is running out of known points, and the keyframe that brings new ones is not made yet: with two threads,
-  // the next Track() should wait for MapNext().
+  // the next Track() should wait for OptimizeNext().
   bool AwaitsKeyframe() const;
 
   // Ends a loss: at one of the frames without a pose since the last tracked one, of which somebody knows the depths of
-  // some points, a new segment begins, and the lost frames around it are tracked. Only queued here, for MapNext();
+  // some points, a new segment begins, and the lost frames around it are tracked. Only queued here, for OptimizeNext();
   // without effect if a frame has been tracked meanwhile, or that frame is not kept any more. The caller's units have
   // no further use: as in any segment the median depth is 1. InvalidArgument for too few points, or bad depths.
   absl::Status GoOnFrom(KnownView view);
 
   // Packets of the keyframes that left the window since the last call, in the order of leaving, and at once (and still
   // active) the first keyframe of a segment that began at a known view. None while a start may
-  // still be undone: then its keyframes, and the poses of its frames, are replaced (direct/odometry_confirmation.cc).
+  // still be undone: then its keyframes, and the poses of its frames, are replaced (direct/start_confirmation.h).
   std::vector<KeyframePacket> TakePackets();
-  // The packet of a keyframe that is still in the window; NotFound otherwise. Not at the same time as MapNext().
+  // The packet of a keyframe that is still in the window; NotFound otherwise. Not at the same time as OptimizeNext().
   absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
   // Ends the run: the last tracked frame becomes a keyframe, and the keyframes still in the window become packets (with
   // still_active false). Only reading calls after it.
@@ -118,7 +120,8 @@ class Odometry {
   // keyframe_from_camera), so that the poses between are as good as the keyframes'.
   // keyframe is -1 and the state kInitializing or kLost for the frames without a pose.
   std::vector<FrameResult> FrameResults() const { return Poses().frames; }
-  // Both, of one moment. Tracking and mapping go on meanwhile: they wait for copies of parts at most, not for the sums.
+  // Both, of one moment. Tracking and optimization go on meanwhile: they wait for copies of parts at most, not for the
+  // sums.
   PoseHistory Poses() const;
   // All keyframes ever made, in temporal order.
   std::vector<KeyframePose> KeyframeTrajectory() const;

@@ -46,17 +46,18 @@ bool Odometry::Impl::Plausible(const TrackingReference& reference, const FrameDa
     return false;
   }
   // Whoever does not know where the camera is must not believe the first wall that looks alike.
-  const bool carried = carried_frames_ > 0;
-  if (unsure_ && outcome.weakest_sigma_px > kMaxFoundSigmaPx) return false;
+  const bool carried = recent_.carried_frames > 0;
+  if (recent_.unsure && outcome.weakest_sigma_px > kMaxFoundSigmaPx) return false;
   if (outcome.weakest_sigma_px > kCarriedSigmaPx) {
     // A blank wall fits any gain.
-    if (carried_frames_ >= kMaxCarriedFrames || std::abs(outcome.light.a - last_light_.a) > kMaxBlankGainStep) {
+    if (recent_.carried_frames >= kMaxCarriedFrames ||
+        std::abs(outcome.light.a - recent_.light.a) > kMaxBlankGainStep) {
       return false;
     }
   }
-  if (!unsure_ && !carried && Quality(outcome) >= kSureQuality) return true;
+  if (!recent_.unsure && !carried && Quality(outcome) >= kSureQuality) return true;
   const AlignmentAgreement agreement = Agreement(reference, data, outcome.new_from_reference);
-  if (unsure_) return agreement.agreeing >= kMinFoundCells && agreement.share() >= kMinFoundAgreement;
+  if (recent_.unsure) return agreement.agreeing >= kMinFoundCells && agreement.share() >= kMinFoundAgreement;
   return (carried && agreement.cells == 0) || agreement.share() >= (carried ? kMinFoundAgreement : kMinAgreement);
 }
 
@@ -76,7 +77,7 @@ bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameDa
   for (const SE3& guess : guesses) {
     double rms[kMaxLevels] = {};
     const TrackingOutcome outcome =
-        tracker_.Align(reference, data, {guess, sigma_px}, last_light_, prior, give_up, rms);
+        tracker_.Align(reference, data, {guess, sigma_px}, recent_.light, prior, give_up, rms);
     if (Plausible(reference, data, outcome) && (!any || outcome.rms_gray < best->rms_gray)) {
       *best = outcome;
       any = true;
@@ -94,7 +95,8 @@ bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameDa
 // cells of the image where an obstacle was found.
 bool Odometry::Impl::AlignView(const TrackingReference& reference, const FrameData& data,
                                const std::vector<SE3>& guesses, TrackingOutcome* outcome, CellSet* covered) {
-  if (AlignBest(reference, data, guesses, unsure_ ? 0.0 : MotionSigmaPx(), unsure_ ? 0.0 : last_rms_, outcome)) {
+  if (AlignBest(reference, data, guesses, recent_.unsure ? 0.0 : MotionSigmaPx(),
+                recent_.unsure ? 0.0 : recent_.rms_gray, outcome)) {
     if (Quality(*outcome) < kSureQuality) *covered = AlignUncovered(reference, data, outcome);
     return true;
   }
@@ -178,7 +180,7 @@ bool Odometry::Impl::AlignSeenCells(const TrackingReference& reference, const Fr
     for (std::size_t k = 0; k < unseen.size(); ++k) unseen[k] = near[k].correlation < kAgreeingCorrelation;
     const std::ptrdiff_t seen = std::count(unseen.begin(), unseen.end(), false);
     if (seen < kMinSeenCells) continue;
-    const TrackingOutcome rest = AlignWithout(unseen, reference, data, guess, last_light_);
+    const TrackingOutcome rest = AlignWithout(unseen, reference, data, guess, recent_.light);
     if (!rest.converged || rest.weakest_sigma_px > kCarriedSigmaPx || Quality(rest) < kSureQuality) continue;
     if (std::abs(rest.light.a - reference.light.a) > kMaxLogGain) continue;
     if (Agreement(uncovered_, data, rest.new_from_reference).agreeing < kMinSeenShare * seen) continue;

@@ -39,7 +39,7 @@ struct Outcome {
   std::size_t packets = 0, keyframes = 0;
 };
 
-// `lag`: frames tracked and not mapped yet, as with two threads.
+// `lag`: frames tracked and not optimized with yet, as with two threads.
 Outcome Play(const std::function<void(StartResult*)>& alter, int lag) {
   auto odometry = Odometry::Create(OdometryOptions(), testing::TestCamera());
   EXPECT_TRUE(odometry.ok()) << odometry.status();
@@ -53,7 +53,7 @@ Outcome Play(const std::function<void(StartResult*)>& alter, int lag) {
   Outcome outcome;
   for (const Frame& frame : frames) {
     EXPECT_TRUE((*odometry)->Track(frame).ok());
-    while ((*odometry)->PendingFrames() > lag) (*odometry)->MapNext();
+    while ((*odometry)->PendingFrames() > lag) (*odometry)->OptimizeNext();
     outcome.packets += (*odometry)->TakePackets().size();
   }
   (*odometry)->Finish();

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "direct/odometry_impl.h"
+#include "direct/point_tracer.h"
 
 namespace cairn::direct {
 namespace {
@@ -40,14 +41,14 @@ bool FoundNear(const ActivePoint& point, const PairProjection& pair, const Image
 void Odometry::Impl::FindCover() {
   const int newest = window_.size() - 1;
   if (newest < 1) return;
-  if (!cover_.any()) {
+  if (!cover_.mask.any()) {
     std::lock_guard lock(mutex_);
-    clear_reference_ = references_.empty() ? nullptr : references_.back();
+    cover_.clear_reference = references_.empty() ? nullptr : references_.back();
   }
   const Keyframe &keyframe = window_.newest(), &before = window_.keyframe(newest - 1);
-  cover_.Begin();
-  positions_.assign(window_.points().size(), {-1.0f, -1.0f});
-  std::vector<PairProjection>& to_newest = to_newest_;
+  cover_.mask.Begin();
+  cover_.positions.assign(window_.points().size(), {-1.0f, -1.0f});
+  std::vector<PairProjection>& to_newest = cover_.to_newest;
   to_newest.resize(static_cast<std::size_t>(newest));
   for (int h = 0; h < newest; ++h) to_newest[h] = window_.Projection(h, newest);
   const float limit = static_cast<float>(kPatternSize * options_.outlier_gray * options_.outlier_gray);
@@ -58,39 +59,40 @@ void Odometry::Impl::FindCover() {
     float energy;
     if (!window_.EnergyAgainst(point, newest, &energy)) continue;
     const PairProjection& p = to_newest[point.host];
-    Position& at = positions_[i];
+    Cover::Position& at = cover_.positions[i];
     if (ProjectInto(p, point.x, point.y, point.inverse_depth, &at.x, &at.y) < kMinDepthRatio) continue;
     const bool tracked = last == ResidualState::kGood || last == ResidualState::kCovered || point.host == newest - 1;
     if (!tracked) continue;
-    const bool fits = energy <= limit || FoundNear(point, p, keyframe.data->pyramid, positions_[i].x, positions_[i].y,
-                                                   static_cast<float>(options_.huber_gray), limit);
-    cover_.AddTracked(positions_[i].x, positions_[i].y, fits);
+    const bool fits =
+        energy <= limit || FoundNear(point, p, keyframe.data->pyramid, cover_.positions[i].x, cover_.positions[i].y,
+                                     static_cast<float>(options_.huber_gray), limit);
+    cover_.mask.AddTracked(cover_.positions[i].x, cover_.positions[i].y, fits);
   }
   std::shared_ptr<const TrackingReference> last;
   {
     std::lock_guard lock(mutex_);
     if (!references_.empty()) last = references_.back();
   }
-  for (const auto& reference : {last, clear_reference_}) {
+  for (const auto& reference : {last, cover_.clear_reference}) {
     if (reference == nullptr) continue;
     const SE3 newest_from_reference = keyframe.camera_from_direct * KeyframePoseOf(reference->keyframe);
-    cover_.AddMatches(mapping_matcher_.Match(geometry_, *reference, keyframe.data->pyramid, newest_from_reference,
-                                             CellGrid::kImage, kCoverMatchReachPx));
+    cover_.mask.AddMatches(cover_.matcher.Match(geometry_, *reference, keyframe.data->pyramid, newest_from_reference,
+                                                CellGrid::kImage, kCoverMatchReachPx));
   }
   const double gain = ExposureRatio(keyframe.data->frame.exposure_gain, before.data->frame.exposure_gain) *
                       std::exp(keyframe.light.a - before.light.a);
-  cover_.AddStill(keyframe.data->pyramid, before.data->pyramid,
-                  (keyframe.camera_from_direct * before.camera_from_direct.Inverse()).RotationMatrix(), gain,
-                  keyframe.light.b - gain * before.light.b);
-  cover_.Decide(keyframe.data->frame.time_ns);
-  if (!cover_.any()) return;
+  cover_.mask.AddStill(keyframe.data->pyramid, before.data->pyramid,
+                       (keyframe.camera_from_direct * before.camera_from_direct.Inverse()).RotationMatrix(), gain,
+                       keyframe.light.b - gain * before.light.b);
+  cover_.mask.Decide(keyframe.data->frame.time_ns);
+  if (!cover_.mask.any()) return;
   for (std::size_t i = 0; i < window_.points().size(); ++i) {
-    if (positions_[i].x < 0.0f || !cover_.Covered(positions_[i].x, positions_[i].y)) continue;
+    if (cover_.positions[i].x < 0.0f || !cover_.mask.Covered(cover_.positions[i].x, cover_.positions[i].y)) continue;
     window_.points()[i].residuals[newest].state = ResidualState::kCovered;
   }
   // Candidates chosen before it was known.
   for (ImmaturePoint& point : window_.keyframe(newest - 1).immature) {
-    if (cover_.Still(point.x, point.y)) point.status = TraceStatus::kOutOfImage;
+    if (cover_.mask.Still(point.x, point.y)) point.status = TraceStatus::kOutOfImage;
   }
 }
 

@@ -101,7 +101,7 @@ TEST(OdometryRecovery, TheAnswerMayComeLate) {
   for (int i = 29; i < 34; ++i) ASSERT_TRUE(odometry->Track(FrameAt(i)).ok());
   ASSERT_TRUE(odometry->GoOnFrom(ViewOf(30)).ok());
   for (int i = 34; i < 37; ++i) ASSERT_TRUE(odometry->Track(FrameAt(i)).ok());
-  while (odometry->MapNext()) {
+  while (odometry->OptimizeNext()) {
   }
   const std::vector<FrameResult> results = odometry->FrameResults();
   for (const FrameResult& result : results) EXPECT_GE(result.keyframe, 0) << result.index;
@@ -140,7 +140,7 @@ TEST(OdometryRecovery, EndsTheWaitForANewStart) {
 TEST(OdometryRecovery, ChangesNothingWhereItIsNotLostOrTheFrameIsUnknown) {
   const auto odometry = LostOdometry(25);
   ASSERT_TRUE(odometry->GoOnFrom(ViewOf(24)).ok());
-  while (odometry->MapNext()) {
+  while (odometry->OptimizeNext()) {
   }
   EXPECT_EQ(odometry->Statistics().segments, 1);
   EXPECT_GE(odometry->FrameResults().back().keyframe, 0);
@@ -149,7 +149,7 @@ TEST(OdometryRecovery, ChangesNothingWhereItIsNotLostOrTheFrameIsUnknown) {
   KnownView unknown = ViewOf(27);
   unknown.frame_index = 99;
   ASSERT_TRUE(odometry->GoOnFrom(unknown).ok());
-  while (odometry->MapNext()) {
+  while (odometry->OptimizeNext()) {
   }
   EXPECT_EQ(odometry->Statistics().segments, 1);
 

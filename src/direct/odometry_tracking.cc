@@ -15,7 +15,6 @@ constexpr double kPredictionMemory = 0.8;  // weight of what was known of predic
 constexpr double kFirstPredictionErrorPx = 4.0;
 constexpr double kMaxVelocityRatio = 5.0;  // a gap is bridged by at most as many times the last motion
 constexpr std::size_t kMaxReferences = 8;  // tried when lost
-constexpr double kPoorQuality = 0.6;
 
 SE3 PartOf(const SE3& motion, double factor) { return SE3::Exp(factor * motion.Log()); }
 
@@ -32,11 +31,10 @@ absl::StatusOr<FrameResult> Odometry::Impl::Track(const Frame& frame) {
   bool starting;
   {
     std::lock_guard lock(mutex_);
-    position = results_.size();
-    results_.push_back(result);
+    position = poses_.AddFrame(result);
     starting = mode_ == Mode::kStarting || untracked_jobs_ > 0;
     if (starting) {
-      results_.back().message = start_message_;
+      poses_.frame(position).message = start_message_;
       result.message = start_message_;
       ++untracked_jobs_;
       Job job;
@@ -57,46 +55,32 @@ absl::StatusOr<FrameResult> Odometry::Impl::Track(const Frame& frame) {
   return result;
 }
 
-// A segment begins: nothing is known of the motion and of the residuals. track_mutex_ held.
-void Odometry::Impl::ResetTracking() {
-  lost_frames_ = carried_frames_ = 0;
-  unsure_ = false;
-  first_rms_reference_ = -1;
-  last_rms_ = 0.0;
-  prediction_variance_px2_ = kFirstPredictionErrorPx * kFirstPredictionErrorPx;
-}
-
-Odometry::Impl::TrackedPair Odometry::Impl::LastTracked(std::int64_t segment) const {
-  TrackedPair pair;
-  for (auto it = results_.rbegin(); it != results_.rend() && pair.before == nullptr; ++it) {
-    if (it->keyframe < 0) {
-      if (pair.last != nullptr) break;
-      continue;
-    }
-    if (keyframes_[static_cast<std::size_t>(it->keyframe)].segment != segment) break;
-    (pair.last == nullptr ? pair.last : pair.before) = &*it;
-  }
-  return pair;
+void Odometry::Impl::Recent::BeginSegment() {
+  lost_frames = carried_frames = 0;
+  unsure = false;
+  first_rms_reference = -1;
+  rms_gray = 0.0;
+  prediction_variance_px2 = kFirstPredictionErrorPx * kFirstPredictionErrorPx;
 }
 
 // Constant velocity (scaled by the time between the frames), its half and double, no motion, none since the keyframe,
 // then small rotations about all of their combinations.
 const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& reference, TimeNs time_ns, bool wide) {
   std::lock_guard lock(mutex_);
-  const KeyframePose& keyframe = keyframes_[static_cast<std::size_t>(reference.keyframe)];
+  const KeyframePose& keyframe = poses_.keyframe(reference.keyframe);
   const SE3 reference_from_direct = keyframe.direct_from_camera.Inverse();
-  const auto [before, last] = LastTracked(keyframe.segment);
+  const auto [before, last] = poses_.LastTracked(keyframe.segment);
   std::vector<SE3>& guesses = guesses_;
   guesses.clear();
-  predicted_steps_ = 1.0;
+  recent_.predicted_steps = 1.0;
   if (last != nullptr) {
-    const SE3 last_from_reference = (reference_from_direct * DirectFromCamera(*last)).Inverse();
+    const SE3 last_from_reference = (reference_from_direct * poses_.DirectFromCamera(*last)).Inverse();
     SE3 motion;
     if (before != nullptr) {
       const double step_s = ToSeconds(last->time_ns - before->time_ns), now_s = ToSeconds(time_ns - last->time_ns);
       const double ratio = step_s > 0.0 && now_s > 0.0 ? std::min(now_s / step_s, kMaxVelocityRatio) : 1.0;
-      predicted_steps_ = std::max(1.0, ratio);
-      motion = PartOf(DirectFromCamera(*last).Inverse() * DirectFromCamera(*before), ratio);
+      recent_.predicted_steps = std::max(1.0, ratio);
+      motion = PartOf(poses_.DirectFromCamera(*last).Inverse() * poses_.DirectFromCamera(*before), ratio);
     }
     const SE3 predicted = motion * last_from_reference;
     guesses.push_back(predicted);
@@ -122,18 +106,19 @@ const std::vector<SE3>& Odometry::Impl::Hypotheses(const TrackingReference& refe
 
 // Constant velocity errs by the acceleration: by as much as it erred before, more over a gap.
 double Odometry::Impl::MotionSigmaPx() const {
-  return predicted_steps_ *
-         std::max(kMinMotionSigmaPx, options_.motion_sigma_factor * std::sqrt(prediction_variance_px2_));
+  return recent_.predicted_steps *
+         std::max(kMinMotionSigmaPx, options_.motion_sigma_factor * std::sqrt(recent_.prediction_variance_px2));
 }
 
 void Odometry::Impl::LearnPredictionError(const TrackingReference& reference, const SE3& predicted, const SE3& found) {
   const Eigen::Matrix<double, 6, 1> error = (found * predicted.Inverse()).Log();
-  const double fx_px = geometry_.camera[0].fx_px / predicted_steps_;
+  const double fx_px = geometry_.camera[0].fx_px / recent_.predicted_steps;
   const double squared_px2 =
       fx_px * fx_px *
       (error.tail<3>().squaredNorm() +
        reference.mean_inverse_depth * reference.mean_inverse_depth * error.head<3>().squaredNorm());
-  prediction_variance_px2_ = kPredictionMemory * prediction_variance_px2_ + (1.0 - kPredictionMemory) * squared_px2;
+  recent_.prediction_variance_px2 =
+      kPredictionMemory * recent_.prediction_variance_px2 + (1.0 - kPredictionMemory) * squared_px2;
 }
 
 FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position, Job* job) {
@@ -145,42 +130,43 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
     std::lock_guard lock(mutex_);
     reference_count = references_.size();
     std::copy(references_.rbegin(), references_.rend(), references.begin());
-    const std::int64_t segment = keyframes_[static_cast<std::size_t>(references.front()->keyframe)].segment;
-    const auto [before, last] = LastTracked(segment);
-    unsure_ = lost_frames_ > 0 || (before != nullptr && IsLongGap(ToSeconds(frame.time_ns - last->time_ns),
-                                                                  ToSeconds(last->time_ns - before->time_ns)));
+    const std::int64_t segment = poses_.keyframe(references.front()->keyframe).segment;
+    const auto [before, last] = poses_.LastTracked(segment);
+    recent_.unsure = recent_.lost_frames > 0 ||
+                     (before != nullptr &&
+                      IsLongGap(ToSeconds(frame.time_ns - last->time_ns), ToSeconds(last->time_ns - before->time_ns)));
   }
   FrameResult result;
   result.index = frame.index;
   result.time_ns = frame.time_ns;
   TrackingOutcome outcome;
   std::shared_ptr<const TrackingReference> reference = references.front();
-  const std::vector<SE3>& guesses = Hypotheses(*reference, frame.time_ns, unsure_);
+  const std::vector<SE3>& guesses = Hypotheses(*reference, frame.time_ns, recent_.unsure);
   const SE3 predicted = guesses.front();
   bool found = AlignView(*reference, *data, guesses, &outcome, &job->covered);
-  if (found && !unsure_) LearnPredictionError(*reference, predicted, outcome.new_from_reference);
+  if (found && !recent_.unsure) LearnPredictionError(*reference, predicted, outcome.new_from_reference);
   if (!found)
     found = SearchReferences({references.data(), reference_count}, *data, frame.time_ns, &outcome, &reference);
   if (!found) {
     result.state = TrackingState::kLost;
-    ++lost_frames_;
-    result.message = absl::StrFormat("lost for %d frames: no motion explains the image", lost_frames_);
+    ++recent_.lost_frames;
+    result.message = absl::StrFormat("lost for %d frames: no motion explains the image", recent_.lost_frames);
     job->lost = true;
     job->frame = frame;
     job->position = position;
-    if (lost_frames_ >= options_.max_lost_frames) {
+    if (recent_.lost_frames >= options_.max_lost_frames) {
       job->restart = true;
       result.message += "; starting anew";
     }
   } else {
-    lost_frames_ = 0;
-    carried_frames_ = outcome.weakest_sigma_px > kCarriedSigmaPx ? carried_frames_ + 1 : 0;
-    if (carried_frames_ > 0) result.message = "the image shows too little: carried on by the motion before";
-    last_light_ = outcome.light;
-    last_rms_ = outcome.rms_gray;
+    recent_.lost_frames = 0;
+    recent_.carried_frames = outcome.weakest_sigma_px > kCarriedSigmaPx ? recent_.carried_frames + 1 : 0;
+    if (recent_.carried_frames > 0) result.message = "the image shows too little: carried on by the motion before";
+    recent_.light = outcome.light;
+    recent_.rms_gray = outcome.rms_gray;
     // What the image leaves open, the prediction decides.
     result.quality = Quality(outcome) / (1.0 + outcome.weakest_sigma_px * outcome.weakest_sigma_px);
-    result.state = result.quality >= kPoorQuality ? TrackingState::kGood : TrackingState::kPoor;
+    result.state = StateOf(result.quality);
     result.keyframe = reference->keyframe;
     result.keyframe_from_camera = outcome.new_from_reference.Inverse();
     job->data = data;
@@ -193,16 +179,16 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
   std::lock_guard lock(mutex_);
   keyframe_awaited_ = found && outcome.visible_share < options_.keyframe_min_tracked_share;
   if (keyframe_queued_) job->keyframe = false;
-  result.direct_from_camera = DirectFromCamera(result);
-  if (found) result.segment = keyframes_[static_cast<std::size_t>(result.keyframe)].segment;
-  results_[position] = result;
+  result.direct_from_camera = poses_.DirectFromCamera(result);
+  if (found) result.segment = poses_.keyframe(result.keyframe).segment;
+  poses_.frame(position) = result;
   return result;
 }
 
 bool Odometry::Impl::NeedsKeyframe(const TrackingReference& reference, const TrackingOutcome& outcome) {
-  if (first_rms_reference_ != reference.keyframe) {
-    first_rms_reference_ = reference.keyframe;
-    first_rms_ = outcome.rms_gray;
+  if (recent_.first_rms_reference != reference.keyframe) {
+    recent_.first_rms_reference = reference.keyframe;
+    recent_.first_rms_gray = outcome.rms_gray;
   }
   const double size = geometry_.camera[0].width_px + geometry_.camera[0].height_px;
   constexpr double kPaperSize = 640.0 + 480.0;
@@ -211,7 +197,7 @@ bool Odometry::Impl::NeedsKeyframe(const TrackingReference& reference, const Tra
                        options_.keyframe_full_flow_weight * outcome.flow_px);
   const double light = options_.keyframe_affine_weight * std::abs(outcome.light.a - reference.light.a);
   return flow + light > 1.0 || outcome.visible_share < options_.keyframe_min_tracked_share ||
-         outcome.rms_gray > options_.keyframe_residual_ratio * first_rms_;
+         outcome.rms_gray > options_.keyframe_residual_ratio * recent_.first_rms_gray;
 }
 
 void Odometry::Impl::SetReference(std::shared_ptr<const TrackingReference> reference) {

@@ -101,7 +101,7 @@ void OdometryRunner::MapInBackground() {
     work_.wait(lock, [&] { return ending_ || odometry_->PendingFrames() > 0; });
     if (!status_.ok() || (ending_ && (!drain_ || odometry_->PendingFrames() == 0))) return;
     lock.unlock();
-    odometry_->MapNext();
+    odometry_->OptimizeNext();
     {  // tracking need not wait for what comes now
       const std::lock_guard mapped(mutex_);
       room_.notify_one();
