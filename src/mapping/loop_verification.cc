@@ -238,16 +238,17 @@ class Verifier {
       const map::Keyframe& viewer = map_.keyframe(id);
       const Sim3 from_other = Sim3(viewer.camera_from_map * anchor.camera_from_map.Inverse()) * anchor_from_other;
       const auto found = Project(viewer, other, from_other, points, options_.guided_radius_factors.back());
-      const ViewShare seen = ShareSeen(map_, viewer, from_other * Sim3(other.camera_from_map), points, found,
-                                       grids_.Of(viewer, PinholeOf(viewer)));
-      if (SeesEnough(seen.found, seen.expected)) share += seen;
+      if (!SeesEnough(found)) continue;
+      share += ShareSeen(map_, viewer, from_other * Sim3(other.camera_from_map), points, found,
+                         grids_.Of(viewer, PinholeOf(viewer)));
     }
     return share;
   }
 
-  bool SeesEnough(std::size_t found, std::size_t expected) const {
-    return static_cast<double>(found) >= std::max<double>(options_.min_neighbour_matches,
-                                                          options_.min_neighbour_share * static_cast<double>(expected));
+  bool SeesEnough(const tracking::ProjectionMatches& found) const {
+    return static_cast<double>(found.matches.size()) >=
+           std::max<double>(options_.min_neighbour_matches,
+                            options_.min_neighbour_share * static_cast<double>(found.visible.size()));
   }
 
   bool EnoughWithoutALink(const Loop& loop) {
@@ -258,14 +259,15 @@ class Verifier {
       return Reject("the matches are in too small a part of the image for places that nothing links");
     }
     const Sim3& current_from_loop = loop.current_from_loop;
-    evidence_.share_here = ShareOf(current_, current_side_, loop_, loop.loop_side, current_from_loop).value();
-    evidence_.share_there =
-        ShareOf(loop_, loop.loop_side, current_, current_side_, current_from_loop.Inverse()).value();
-    const bool many =
-        evidence_.guided_matches >= options_.many_unlinked_matches && evidence_.cells >= options_.many_unlinked_cells;
-    const double needed = many ? options_.min_unlinked_share_of_many : options_.min_unlinked_share;
-    if (std::min(evidence_.share_here, evidence_.share_there) < needed) {
-      return Reject("most of what should be seen there is not: it looks alike, but is another place");
+    const ViewShare here = ShareOf(current_, current_side_, loop_, loop.loop_side, current_from_loop);
+    const ViewShare there = ShareOf(loop_, loop.loop_side, current_, current_side_, current_from_loop.Inverse());
+    evidence_.share_here = here.value();
+    evidence_.share_there = there.value();
+    if (std::min(here.expected, there.expected) < options_.min_unlinked_cells) {
+      return Reject("too little of the view can be compared for places that nothing links");
+    }
+    if (std::min(here.value(), there.value()) < options_.min_unlinked_share) {
+      return Reject("much of what should be seen there is not: it looks alike, but is another place");
     }
     return true;
   }
@@ -300,7 +302,7 @@ class Verifier {
         Sim3(neighbour.camera_from_map * anchor.camera_from_map.Inverse()) * anchor_from_other;  // from `other`
     const auto found = Project(neighbour, other, predicted, points, options_.guided_radius_factors.back());
     if (static_cast<int>(found.visible.size()) < options_.min_neighbour_visible) return std::nullopt;
-    if (!SeesEnough(found.matches.size(), found.visible.size())) {
+    if (!SeesEnough(found)) {
       // What is hidden, or not there, is judged by the share of all (ShareOf) where it is.
       return linked_ ? std::optional(false) : std::nullopt;
     }

@@ -25,9 +25,6 @@ class Room {
   double blank_from_rad = 0.0;
   double blank_to_rad = 0.0;
   std::uint64_t salt = 0;  // of the textures: another one is another room
-  // Directions between which the walls have a texture that rooms of any salt have: a poster that hangs in several.
-  double poster_from_rad = 0.0;
-  double poster_to_rad = 0.0;
 
   // Distance along a direction of the room until the wall.
   double Distance(const Vector3d& from, const Vector3d& direction) const {
@@ -46,8 +43,7 @@ class Room {
     int axis = 0;
     (half.cwiseAbs() - point.cwiseAbs()).minCoeff(&axis);
     const double u = point[(axis + 1) % 3], v = point[(axis + 2) % 3];
-    const bool poster = heading > poster_from_rad && heading < poster_to_rad;
-    const std::uint64_t wall = 20 * (poster ? kPosterSalt : salt) + static_cast<std::uint64_t>(axis * 2 + (point[axis] > 0.0 ? 1 : 0));
+    const std::uint64_t wall = 20 * salt + static_cast<std::uint64_t>(axis * 2 + (point[axis] > 0.0 ? 1 : 0));
     return 40.0 + 90.0 * Cell(u, v, 0.31, wall) + 80.0 * Cell(u + 0.1, v, 0.11, wall + 10);
   }
 
@@ -72,8 +68,6 @@ class Room {
   }
 
  private:
-  static constexpr std::uint64_t kPosterSalt = 1000;
-
   static double Cell(double u, double v, double size, std::uint64_t salt) {
     const auto i = static_cast<std::int64_t>(std::floor(u / size)), j = static_cast<std::int64_t>(std::floor(v / size));
     return Random(static_cast<std::uint64_t>(i * 73856093 + j * 19349663) ^ (salt << 48)).Uniform();

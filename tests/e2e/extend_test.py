@@ -134,6 +134,16 @@ class Office(unittest.TestCase):
 
 
 class Rooms(unittest.TestCase):
+    def test_rooms_with_the_same_furniture_are_not_taken_for_one(self):
+        with tempfile.TemporaryDirectory(prefix='cairn-e2e-') as name:
+            folder = pathlib.Path(name)
+            rooms = [render(folder, 'alike', seed, 1, '--catalogue', 7, '--duration', 9) for seed in (701, 702)]
+            file = folder / 'alike.cairn'
+            must('run', rooms[0], '--map', file, '--deterministic')
+            report = must('run', rooms[1], '--map', file, '--extend', '--deterministic')
+            self.assertEqual((report['result'], report['joined'], report['located_after_s']), ('apart', [], None))
+            self.assertTrue(any('another place' in reason for reason in report['joins_rejected']), report['joins_rejected'])
+
     def test_a_session_from_another_room_joins_when_it_walks_in(self):
         with tempfile.TemporaryDirectory(prefix='cairn-e2e-') as name:
             folder = pathlib.Path(name)
