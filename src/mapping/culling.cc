@@ -62,33 +62,37 @@ double RedundantShare(const map::Edit& edit, KeyframeId id, int observers) {
   return points > 0 ? static_cast<double>(redundant) / points : 0.0;
 }
 
-int CullKeyframes(map::Edit& edit, KeyframeId keyframe, const FeatureMapperOptions& options,
+int CullKeyframes(map::Edit& edit, KeyframeId keyframe, const Redundancy& limit,
                   const std::function<bool(KeyframeId)>& erase) {
   int culled = 0;
   const std::vector<map::CovisibilityEdge> edges = edit.keyframe(keyframe).covisible;
   for (const map::CovisibilityEdge& edge : edges) {
     if (edge.shared_points < map::kMinCovisiblePoints) break;
     if (!edit.keyframe(edge.keyframe).parent) continue;  // a root stays
-    if (RedundantShare(edit, edge.keyframe, options.redundant_observers) <= options.redundant_share) continue;
+    if (RedundantShare(edit, edge.keyframe, limit.observers) <= limit.share) continue;
     if (erase(edge.keyframe)) ++culled;
   }
   return culled;
 }
 
-int CullAmong(map::Edit& edit, std::vector<KeyframeId> keyframes, const FeatureMapperOptions& options,
+int CullAmong(map::Edit& edit, std::vector<KeyframeId> keyframes, const Redundancy& limit,
               const std::function<bool(KeyframeId)>& erase) {
   int culled = 0;
   for (;;) {
-    std::pair<double, KeyframeId> most = {options.redundant_share, KeyframeId()};
+    std::pair<double, KeyframeId> most = {limit.share, KeyframeId()};
     std::erase_if(keyframes,
                   [&](KeyframeId id) { return edit.FindKeyframe(id) == nullptr || !edit.keyframe(id).parent; });
     std::erase_if(keyframes, [&](KeyframeId id) {
-      const double share = RedundantShare(edit, id, options.redundant_observers);
+      const double share = RedundantShare(edit, id, limit.observers);
       if (share > most.first) most = {share, id};
-      return share <= options.redundant_share;  // what goes makes nothing more redundant
+      return share <= limit.share;  // what goes makes nothing more redundant
     });
-    if (!most.second || !erase(most.second)) return culled;
-    ++culled;
+    if (!most.second) return culled;
+    if (erase(most.second)) {
+      ++culled;
+    } else {
+      std::erase(keyframes, most.second);
+    }
   }
 }
 

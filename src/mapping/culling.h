@@ -37,11 +37,11 @@ double RedundantShare(const map::Edit& edit, KeyframeId keyframe, int observers)
 
 // The keyframes around `keyframe` that can go, one after the other, given that the earlier ones went. They are erased
 // by `erase`, which returns false to keep one.
-int CullKeyframes(map::Edit& edit, KeyframeId keyframe, const FeatureMapperOptions& options,
+int CullKeyframes(map::Edit& edit, KeyframeId keyframe, const Redundancy& limit,
                   const std::function<bool(KeyframeId)>& erase);
 
 // Likewise among `keyframes`, wherever they are: the most redundant one first, until none is left.
-int CullAmong(map::Edit& edit, std::vector<KeyframeId> keyframes, const FeatureMapperOptions& options,
+int CullAmong(map::Edit& edit, std::vector<KeyframeId> keyframes, const Redundancy& limit,
               const std::function<bool(KeyframeId)>& erase);
 
 }  // namespace cairn::mapping

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "map/lens.h"
@@ -147,16 +148,19 @@ void FeatureMapper::Impl::CorrectViews() {
 
 // A session that came to where others have been: together they should keep what is seen once, not once per visit.
 absl::Status FeatureMapper::Impl::CullSession() {
-  std::vector<KeyframeId> together;
+  std::set<KeyframeId> together;
   bool others = false;
   map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
-    if (keyframe->component != component_) return;
-    together.push_back(keyframe->id);
-    others |= keyframe->session != session_;
+    if (keyframe->session != session_) return;
+    together.insert(keyframe->id);
+    for (const KeyframeId id : map::BestCovisible(*keyframe)) {
+      together.insert(id);
+      others |= map_->keyframe(id).session != session_;
+    }
   });
   if (!others) return absl::OkStatus();
   map::Edit edit(map_);
-  mapper_.CullRedundant(edit, std::move(together));
+  mapper_.CullRedundant(edit, {together.begin(), together.end()});
   return CommitEdit(std::move(edit), "cull redundant keyframes");
 }
 

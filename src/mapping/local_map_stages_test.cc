@@ -277,10 +277,17 @@ TEST(Culling, KeyframesThatShowNothingNew) {
   map::Edit culling(*snapshot);
   EXPECT_EQ(RedundantShare(culling, KeyframeId(3), 3), 1.0);
   const FeatureMapperOptions options;
-  const int culled =
-      CullKeyframes(culling, KeyframeId(6), options, [&](KeyframeId id) { return culling.EraseKeyframe(id); });
+  const int culled = CullKeyframes(culling, KeyframeId(6), options.redundancy,
+                                   [&](KeyframeId id) { return culling.EraseKeyframe(id); });
   EXPECT_EQ(culled, 3) << "then three views are left: two others are not enough";
   EXPECT_NE(culling.FindKeyframe(KeyframeId(1)), nullptr) << "the root stays";
+
+  std::vector<KeyframeId> all;
+  culling.base().keyframes().ForEach([&](const auto& keyframe) { all.push_back(keyframe->id); });
+  EXPECT_EQ(
+      CullAmong(culling, all, options.redundancy_of_sessions, [&](KeyframeId id) { return culling.EraseKeyframe(id); }),
+      1)
+      << "of several sessions two others are enough";
 }
 
 TEST(ViewRecord, RefinesAPoseAgainstTheMap) {

@@ -107,7 +107,7 @@ absl::Status LocalMapper::Adjust(map::Edit& edit, InsertionReport* report) {
 void LocalMapper::Cull(map::Edit& edit, InsertionReport* report) {
   report->culled_points = culler_.Cull(edit, inserted_, options_);
   edit.UpdateCovisibility(report->keyframe);
-  report->culled_keyframes = CullKeyframes(edit, report->keyframe, options_, [&](KeyframeId id) {
+  report->culled_keyframes = CullKeyframes(edit, report->keyframe, options_.redundancy, [&](KeyframeId id) {
     // The newest are still gaining points.
     if (id.value() + static_cast<KeyframeId::Value>(options_.young_keyframes) >= report->keyframe.value()) return false;
     return EraseKeyframe(edit, id);
@@ -122,7 +122,8 @@ bool LocalMapper::EraseKeyframe(map::Edit& edit, KeyframeId id) {
 }
 
 int LocalMapper::CullRedundant(map::Edit& edit, std::vector<KeyframeId> keyframes) {
-  return CullAmong(edit, std::move(keyframes), options_, [&](KeyframeId id) { return EraseKeyframe(edit, id); });
+  return CullAmong(edit, std::move(keyframes), options_.redundancy_of_sessions,
+                   [&](KeyframeId id) { return EraseKeyframe(edit, id); });
 }
 
 }  // namespace cairn::mapping
