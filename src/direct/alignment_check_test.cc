@@ -7,7 +7,7 @@
 
 #include "base/random.h"
 #include "direct/coarse_tracker.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 
 namespace cairn::direct {
 namespace {

@@ -6,7 +6,7 @@
 #include <cstdlib>
 
 #include "direct/odometry.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 #define CAIRN_COUNTS_ALLOCATIONS 1

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "direct/alignment_check.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 
 namespace cairn::direct {
 namespace {

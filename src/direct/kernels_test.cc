@@ -10,7 +10,7 @@
 #include "direct/image_pyramid.h"
 #include "direct/keyframe.h"
 #include "direct/residual_kernel.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 #include "direct/tracking_kernel.h"
 
 namespace cairn::direct {

@@ -8,7 +8,7 @@
 
 #include "direct/odometry_impl.h"
 #include "direct/structure_adjustment.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 
 namespace cairn::direct {
 

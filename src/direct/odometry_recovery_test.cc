@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "direct/odometry.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 
 namespace cairn::direct {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "base/random.h"
 #include "direct/odometry.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 #include "direct/view_search.h"
 
 namespace cairn::direct {

@@ -10,7 +10,7 @@
 #include "direct/feature_start.h"
 #include "direct/pixel_selector.h"
 #include "direct/structure_adjustment.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 
 namespace cairn::direct {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <functional>
 
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 
 namespace cairn::direct {
 namespace {

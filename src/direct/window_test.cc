@@ -8,7 +8,7 @@
 
 #include "base/random.h"
 #include "direct/point_tracer.h"
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 
 namespace cairn::direct {
 namespace {

@@ -36,7 +36,11 @@ absl::StatusOr<CameraId> FindOrAddCamera(const std::string& name, const Camera& 
                                          map::Edit* edit) {
   const auto& cameras = edit->base().cameras();
   for (const auto& [id, known] : cameras) {
-    if (map::SameCalibration(known.model, camera)) return id;
+    if (!map::SameCalibration(known.model, camera)) continue;
+    if (name.empty() || name == known.name) return id;
+    return absl::InvalidArgumentError(absl::StrCat("the map knows a camera of this calibration as \"", known.name,
+                                                   "\", and not as \"", name,
+                                                   "\": leave the name out, or give that one"));
   }
   const auto has_name = [&](const std::string& wanted) {
     return std::ranges::any_of(cameras, [&](const auto& entry) { return entry.second.name == wanted; });

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "direct/synthetic_scene_test_support.h"
+#include "direct/testing_scene.h"
 #include "engine/frame_preparation.h"
 #include "engine/session_record.h"
 

@@ -95,12 +95,8 @@ class CameraProblem {
   std::unordered_map<CameraId, std::uint32_t> camera_of_;
 };
 
-// How far apart in the world, and by which turn, the two components' alignments put the camera of `keyframe`; in the
-// unit of the world. Nothing if not both are aligned.
-struct WorldGap {
-  double shift = 0.0;
-  double turn_deg = 0.0;
-};
+// How far apart in the world, and by which turn, the two components' alignments put the camera of `keyframe`. Nothing
+// if not both are aligned.
 std::optional<WorldGap> GapInWorld(const map::Snapshot& map, const map::Keyframe& keyframe, ComponentId other,
                                    const Sim3& other_from_own) {
   const std::optional<Sim3>& world_from_own = map.WorldFrom(keyframe.component);
@@ -216,6 +212,7 @@ bool ComponentJoiner::AlignmentsAgree(const map::Snapshot& map, const Loop& over
   const map::Keyframe& current = map.keyframe(overlap.current);
   const ComponentId other = map.keyframe(overlap.loop).component;
   const auto gap = GapInWorld(map, current, other, OtherFromOwn(map, overlap));
+  report->gap = gap;
   if (!gap) return true;
   std::vector<double> depths;
   for (const LoopMatch& match : overlap.matches) {

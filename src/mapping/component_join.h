@@ -10,6 +10,7 @@
 
 #include <deque>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -43,6 +44,12 @@ struct JoinOptions {
   absl::Status Validate() const;
 };
 
+// Between two alignments of what is one place.
+struct WorldGap {
+  double shift = 0.0;
+  double turn_deg = 0.0;
+};
+
 struct JoinReport {
   KeyframeId current;
   bool searched = false;  // false: there is no other component
@@ -57,6 +64,9 @@ struct JoinReport {
   int sightings_checked = 0;
   int fused_points = 0;
   double scale = 1.0;  // by which lengths of the component that moved have grown
+  // If both were aligned to the world: how far apart their alignments put the camera, in the unit of the world. The one
+  // of `into` stays, the other gives way.
+  std::optional<WorldGap> gap;
   double search_ms = 0.0;
   double verify_ms = 0.0;
   double join_ms = 0.0;

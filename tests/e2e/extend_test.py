@@ -102,6 +102,17 @@ class Office(unittest.TestCase):
         self.assertEqual((report['result'], report['joined']), ('apart', []))
         self.assertTrue(any('calibrat' in reason for reason in report['joins_rejected']), report['joins_rejected'])
 
+    def test_a_camera_that_is_known_keeps_its_name(self):
+        file = pathlib.Path(shutil.copy(self.first_only, self.folder / 'named.cairn'))
+        answer = cairn('run', self.visits[2], '--map', file, '--extend', '--camera-name', 'another', '--until', 1)
+        self.assertEqual(answer.code, 1)
+        self.assertIn('not as "another"', answer.json['error'])
+
+    def test_a_session_that_is_not_there_has_no_changes(self):
+        answer = cairn('log', self.map, '--session', 9)
+        self.assertEqual(answer.code, 1)
+        self.assertIn('has no session 9', answer.json['error'])
+
     def test_given_poses_are_held_against_the_map(self):
         """One place must not be in the map twice."""
         poses = [line.split() for line in open(self.visits[1] / 'groundtruth_cam0.txt') if not line.startswith('#')]

@@ -71,6 +71,13 @@ std::string Touched(const store::LoggedChange& change) {
 absl::Status Log(const LogOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> map,
                          store::OpenMapStore(options.map, store::OpenMode::kRead));
+  if (options.session != 0) {
+    CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, map->ReadSummary());
+    if (static_cast<std::int64_t>(options.session) > summary.sessions) {
+      return absl::NotFoundError(absl::StrCat(options.map, " has no session ", options.session, ", the last is ",
+                                              summary.sessions, " (cairn info)"));
+    }
+  }
   store::ChangeQuery query;
   query.from_revision = options.from;
   query.session = SessionId(options.session);
@@ -106,10 +113,11 @@ void AddLogCommand(CLI::App& app, Action* action) {
       ->check(CLI::Range(1, store::kMaxLoggedChanges))
       ->capture_default_str();
   verb->add_flag("--json", options->json, "Answer in JSON");
-  verb->footer(
-      "Examples:\n"
-      "  cairn log office.cairn\n"
-      "  cairn log office.cairn --session 2 --from 120");
+  verb->footer(absl::StrCat("The newest ", store::kMaxLoggedChanges,
+                            " changes of a map are kept.\n"
+                            "Examples:\n"
+                            "  cairn log office.cairn\n"
+                            "  cairn log office.cairn --session 2 --from 120"));
   verb->callback([=] {
     *action = [=] {
       const absl::Status status = Log(*options);

@@ -1,8 +1,21 @@
 #include "cli/input_options.h"
 
+#include <cmath>
 #include <iostream>
+#include <string>
 
 namespace cairn::cli {
+namespace {
+
+const CLI::Validator kSeconds(
+    [](const std::string& text) {
+      double seconds = 0.0;
+      const bool fits = CLI::detail::lexical_cast(text, seconds) && std::isfinite(seconds) && seconds >= 0.0;
+      return fits ? std::string() : "a number of seconds, 0 or more, is needed, not " + text;
+    },
+    "SECONDS");
+
+}  // namespace
 
 void AddInputOptions(CLI::App* verb, InputOptions* options) {
   verb->add_option("DATASET", options->sequence,
@@ -20,10 +33,10 @@ void AddInputOptions(CLI::App* verb, InputOptions* options) {
       ->check(CLI::IsMember({"auto", "euroc", "tum_rgbd", "tum_mono", "kitti", "times", "images"}))
       ->capture_default_str();
   verb->add_option("--from", options->open.from_s, "Start, seconds after the first image")
-      ->check(CLI::NonNegativeNumber)
+      ->check(kSeconds)
       ->capture_default_str();
   verb->add_option("--until", options->open.until_s, "End, seconds after the first image (not included)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(kSeconds);
   verb->add_option("--stride", options->open.stride, "Take every n-th image")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();

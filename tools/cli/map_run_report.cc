@@ -85,13 +85,16 @@ nlohmann::ordered_json JoinsAsJson(const engine::SessionReport& report, TimeNs f
   nlohmann::ordered_json json = nlohmann::ordered_json::array();
   for (std::size_t i = 0; i < report.joins.size(); ++i) {
     const mapping::JoinReport& join = report.joins[i];
-    json.push_back({{"at_s", ToSeconds(report.join_times_ns[i] - first_ns)},
-                    {"component", join.component.value()},
-                    {"into", join.into.value()},
-                    {"matches", join.evidence.guided_matches},
-                    {"scale", join.scale},
-                    {"keyframes_agreeing", join.evidence.neighbours_agreeing + join.sightings_agreeing},
-                    {"keyframes_checked", join.evidence.neighbours_checked + join.sightings_checked}});
+    nlohmann::ordered_json one = {{"at_s", ToSeconds(report.join_times_ns[i] - first_ns)},
+                                  {"component", join.component.value()},
+                                  {"into", join.into.value()},
+                                  {"matches", join.evidence.guided_matches},
+                                  {"scale", join.scale},
+                                  {"keyframes_agreeing", join.evidence.neighbours_agreeing + join.sightings_agreeing},
+                                  {"keyframes_checked", join.evidence.neighbours_checked + join.sightings_checked},
+                                  {"alignments_apart_m", nullptr}};
+    if (join.gap) one["alignments_apart_m"] = join.gap->shift;
+    json.push_back(std::move(one));
   }
   return json;
 }
@@ -190,6 +193,13 @@ void PrintForPeople(const RunOptions& options, const engine::SessionReport& repo
   std::printf("%s: %lld keyframes, %lld points\n", options.map.c_str(), static_cast<long long>(report.keyframes),
               static_cast<long long>(report.points));
   if (const std::string where = WhereItIs(report, session); !where.empty()) std::printf("  %s\n", where.c_str());
+  for (const mapping::JoinReport& join : report.joins) {
+    if (!join.gap) continue;
+    std::printf(
+        "  components %u and %u were both aligned to the world, %.3f m and %.2f deg apart where they meet: the "
+        "alignment of %u stays\n",
+        join.component.value(), join.into.value(), join.gap->shift, join.gap->turn_deg, join.into.value());
+  }
   PrintFeed(feed, info, report.frames_tracked, interrupt);
   std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
               report.frame_ms.Percentile(0.5), report.frame_ms.mean(), report.keyframe_ms.Percentile(0.5));
