@@ -336,7 +336,9 @@ class Verifier {
     }
     evidence_.neighbours_checked += checked;
     evidence_.neighbours_agreeing += agreeing;
-    if (agreeing >= options_.min_neighbours_agreeing && agreeing >= options_.min_agreeing_share * checked) return true;
+    // Where nothing links the sides, the share of the view was asked of all neighbours already.
+    const int needed = linked_ ? options_.min_neighbours_agreeing : 1;
+    if (agreeing >= needed && agreeing >= options_.min_agreeing_share * checked) return true;
     return Reject("the neighbours do not agree");
   }
 
