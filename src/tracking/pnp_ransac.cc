@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <opencv2/calib3d.hpp>
 
 #include "base/random.h"
+#include "geometry/p3p.h"
 
 namespace cairn::tracking {
 namespace {
@@ -22,21 +22,21 @@ class Ransac {
   Ransac(const Pinhole& pinhole, std::span<const PoseObservation> matches, const PnpOptions& options)
       : pinhole_(pinhole), matches_(matches), options_(options), random_(options.seed) {
     for (const PoseObservation& match : matches) {
-      const Vector3d ray = pinhole.Unproject(match.pixel);
-      rays_.emplace_back(ray.x(), ray.y());
-      points_.emplace_back(match.point.x(), match.point.y(), match.point.z());
+      rays_.push_back(pinhole.Unproject(match.pixel).normalized());
     }
   }
 
   PnpSolution Run() {
     PnpSolution solution;
+    P3PPoses poses;
     double needed = options_.max_iterations;
     while (solution.iterations < std::min<double>(options_.max_iterations, needed)) {
       ++solution.iterations;
       std::array<std::size_t, kSampleSize> sample;
       if (!Draw(solution.iterations, &sample)) continue;
       bool improved = false;
-      for (const SE3& pose : Solve(sample)) improved |= Consider(pose);
+      const int count = Solve(sample, &poses);
+      for (int k = 0; k < count; ++k) improved |= Consider(poses[static_cast<std::size_t>(k)]);
       if (improved) {
         Polish();
         needed = IterationsNeeded();
@@ -76,36 +76,30 @@ class Ransac {
     return area_px2 > 200.0 && p.cross(q).squaredNorm() > 1e-8 * p.squaredNorm() * q.squaredNorm();
   }
 
-  std::vector<SE3> Solve(const std::array<std::size_t, kSampleSize>& sample) const {
-    std::vector<cv::Point3d> points;
-    std::vector<cv::Point2d> rays;
-    for (const std::size_t i : sample) {
-      points.push_back(points_[i]);
-      rays.push_back(rays_[i]);
+  int Solve(const std::array<std::size_t, kSampleSize>& sample, P3PPoses* poses) const {
+    P3PPoints points;
+    P3PRays rays;
+    for (std::size_t i = 0; i < kSampleSize; ++i) {
+      points[i] = matches_[sample[i]].point;
+      rays[i] = rays_[sample[i]];
     }
-    std::vector<cv::Mat> rotations, translations;
-    const int count =
-        cv::solveP3P(points, rays, cv::Matx33d::eye(), cv::noArray(), rotations, translations, cv::SOLVEPNP_AP3P);
-    std::vector<SE3> poses;
-    for (int i = 0; i < count; ++i) {
-      const cv::Mat& r = rotations[static_cast<std::size_t>(i)];
-      const cv::Mat& t = translations[static_cast<std::size_t>(i)];
-      const SE3 pose(ExpSO3({r.at<double>(0), r.at<double>(1), r.at<double>(2)}),
-                     {t.at<double>(0), t.at<double>(1), t.at<double>(2)});
-      if (pose.translation().allFinite() && pose.rotation().coeffs().allFinite()) poses.push_back(pose);
-    }
-    return poses;
+    return SolveP3P(rays, points, poses);
   }
 
   // Keeps the pose if its truncated error is the least so far.
   bool Consider(const SE3& pose) {
     double score = 0.0;
     int inliers = 0;
+    double possible = options_.chi2_threshold * static_cast<double>(matches_.size());  // of all that are left
     for (const PoseObservation& match : matches_) {
+      possible -= options_.chi2_threshold;
       const double chi2 = ChiSquare(pose, match);
-      if (chi2 > options_.chi2_threshold) continue;
-      score += options_.chi2_threshold - chi2;
-      ++inliers;
+      if (chi2 <= options_.chi2_threshold) {
+        score += options_.chi2_threshold - chi2;
+        ++inliers;
+      } else if (score + possible <= best_score_) {
+        return false;
+      }
     }
     if (score <= best_score_) return false;
     best_score_ = score;
@@ -142,8 +136,7 @@ class Ransac {
   std::span<const PoseObservation> matches_;
   const PnpOptions& options_;
   Random random_;
-  std::vector<cv::Point3d> points_;
-  std::vector<cv::Point2d> rays_;
+  std::vector<Vector3d> rays_;  // unit
   SE3 best_;
   double best_score_ = 0.0;
   int best_inliers_ = 0;
@@ -169,11 +162,7 @@ absl::StatusOr<PnpSolution> SolvePnpRansac(const Pinhole& pinhole, std::span<con
     none.inlier.assign(matches.size(), 0);
     return none;
   }
-  try {
-    return Ransac(pinhole, matches, options).Run();
-  } catch (const cv::Exception& error) {
-    return absl::InternalError(absl::StrCat("PnP: OpenCV failed: ", error.what()));
-  }
+  return Ransac(pinhole, matches, options).Run();
 }
 
 }  // namespace cairn::tracking

@@ -1,9 +1,8 @@
 // The pose of a camera from 2D-3D matches of which many may be wrong: minimal solver in RANSAC.
 //
-// Three-point solver of OpenCV (AP3P: Ke, Roumeliotis, "An efficient algebraic solution to the perspective-three-point
-// problem", CVPR 2017); samples drawn best matches first (Chum, Matas, "Matching with PROSAC", CVPR 2005); truncated
-// squared error as score (Torr, Zisserman, "MLESAC", CVIU 2000); every new best is refined on its inliers (Chum, Matas,
-// Kittler, "Locally optimized RANSAC", DAGM 2003).
+// Three-point solver of geometry/p3p.h; samples drawn best matches first (Chum, Matas, "Matching with PROSAC", CVPR
+// 2005); truncated squared error as score (Torr, Zisserman, "MLESAC", CVIU 2000); every new best is refined on its
+// inliers (Chum, Matas, Kittler, "Locally optimized RANSAC", DAGM 2003).
 #pragma once
 
 #include <cstdint>
@@ -35,7 +34,7 @@ struct PnpSolution {
   int iterations = 0;
 };
 
-// `matches` from the most to the least trustworthy. InvalidArgument: bad options. Internal: OpenCV failed.
+// `matches` from the most to the least trustworthy. InvalidArgument: bad options.
 absl::StatusOr<PnpSolution> SolvePnpRansac(const Pinhole& pinhole,
                                            std::span<const optimization::PoseObservation> matches,
                                            const PnpOptions& options = {});
