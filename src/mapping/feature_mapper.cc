@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <set>
 #include <utility>
 
 #include "map/lens.h"
@@ -146,21 +145,18 @@ void FeatureMapper::Impl::CorrectViews() {
   }
 }
 
-// A session that came to where others have been: together they should keep what is seen once, not once per visit.
+// A session that came to where others have been adds what they have not seen.
 absl::Status FeatureMapper::Impl::CullSession() {
-  std::set<KeyframeId> together;
+  std::vector<KeyframeId> own;
   bool others = false;
   map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
     if (keyframe->session != session_) return;
-    together.insert(keyframe->id);
-    for (const KeyframeId id : map::BestCovisible(*keyframe)) {
-      together.insert(id);
-      others |= map_->keyframe(id).session != session_;
-    }
+    own.push_back(keyframe->id);
+    for (const KeyframeId id : map::BestCovisible(*keyframe)) others |= map_->keyframe(id).session != session_;
   });
   if (!others) return absl::OkStatus();
   map::Edit edit(map_);
-  mapper_.CullRedundant(edit, {together.begin(), together.end()});
+  mapper_.CullRedundant(edit, std::move(own));
   return CommitEdit(std::move(edit), "cull redundant keyframes");
 }
 

@@ -34,7 +34,7 @@ absl::Status FeatureMapperOptions::Validate() const {
   if (!(min_found_ratio >= 0.0 && min_found_ratio <= 1.0)) return bad("min_found_ratio must be in [0, 1]");
   if (judged_after < 1) return bad("judged_after must be at least 1");
   if (min_observations < 2 || young_keyframes < 1) return bad("points need at least 2 observations and 1 keyframe");
-  for (const Redundancy& limit : {redundancy, redundancy_of_sessions}) {
+  for (const Redundancy& limit : {redundancy, redundancy_of_visits}) {
     if (!(limit.share > 0.0 && limit.share <= 1.0)) return bad("the share of a redundancy must be in (0, 1]");
     if (limit.observers < 1) return bad("the observers of a redundancy must be at least 1");
   }

@@ -285,7 +285,7 @@ TEST(Culling, KeyframesThatShowNothingNew) {
   std::vector<KeyframeId> all;
   culling.base().keyframes().ForEach([&](const auto& keyframe) { all.push_back(keyframe->id); });
   EXPECT_EQ(
-      CullAmong(culling, all, options.redundancy_of_sessions, [&](KeyframeId id) { return culling.EraseKeyframe(id); }),
+      CullAmong(culling, all, options.redundancy_of_visits, [&](KeyframeId id) { return culling.EraseKeyframe(id); }),
       1)
       << "of several sessions two others are enough";
 }

@@ -122,7 +122,7 @@ bool LocalMapper::EraseKeyframe(map::Edit& edit, KeyframeId id) {
 }
 
 int LocalMapper::CullRedundant(map::Edit& edit, std::vector<KeyframeId> keyframes) {
-  return CullAmong(edit, std::move(keyframes), options_.redundancy_of_sessions,
+  return CullAmong(edit, std::move(keyframes), options_.redundancy_of_visits,
                    [&](KeyframeId id) { return EraseKeyframe(edit, id); });
 }
 

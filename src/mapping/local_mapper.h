@@ -56,8 +56,7 @@ class LocalMapper {
 
   absl::StatusOr<InsertionReport> Insert(map::Edit& edit, InsertionRequest request);
 
-  // At the end of a session: those of `keyframes`, of several sessions, that show nothing which others do not. Returns
-  // how many went.
+  // At the end of a session: those of its `keyframes` that show nothing which others do not. Returns how many went.
   int CullRedundant(map::Edit& edit, std::vector<KeyframeId> keyframes);
 
   int keyframes_inserted() const { return inserted_; }
