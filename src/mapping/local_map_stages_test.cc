@@ -287,7 +287,7 @@ TEST(Culling, KeyframesThatShowNothingNew) {
   EXPECT_EQ(
       CullAmong(culling, all, options.redundancy_of_visits, [&](KeyframeId id) { return culling.EraseKeyframe(id); }),
       1)
-      << "of several sessions two others are enough";
+      << "for a visit two others are enough";
 }
 
 TEST(ViewRecord, RefinesAPoseAgainstTheMap) {
