@@ -76,7 +76,7 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
                          relocalizer_.Relocalize(*map_, *view_->places(), pinhole_, current->features->features,
                                                  {.only = component_, .except = {}}));
   bool tracked = false;
-  if (found.localized && MayGoOnAt(found.reference_keyframe, current->packet)) {
+  if (found.beyond_doubt && MayGoOnAt(found.reference_keyframe, current->packet)) {
     std::vector<PointId> seen;
     for (const auto& inlier : found.inliers) seen.push_back(inlier.point);
     const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
@@ -101,7 +101,7 @@ absl::StatusOr<std::optional<FeatureMapper::Found>> FeatureMapper::Impl::Locate(
   map::CorrectKeypoints(map_->cameras().at(camera_), features.keypoints);
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
                          relocalizer_.Relocalize(*map_, *view_->places(), pinhole_, features));
-  if (!found.localized) return std::nullopt;
+  if (!found.beyond_doubt) return std::nullopt;  // what looks alike may be another place
   // Many more points are seen than those that told the place.
   const image::FeatureGrid grid(features.keypoints, pinhole_.width_px, pinhole_.height_px);
   std::vector<PointId> seen;

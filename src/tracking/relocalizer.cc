@@ -169,17 +169,16 @@ bool GuidedRound(const Query& query, const RelocalizerOptions& options, double r
 // Empty if the evidence is enough, else what is missing.
 std::string Objection(const Estimate& estimate, const RelocalizationCounts& counts, const Matrix6d& covariance,
                       const RelocalizerOptions& options) {
-  // By cells and not by points: a crowd of points on one object must not pass for the whole view.
-  const bool supported = counts.cells >= options.min_support * counts.visible_cells;
-  const int min_inliers = supported ? options.min_inliers_with_support : options.min_inliers;
-  const int min_cells = supported ? options.min_cells_with_support : options.min_cells;
-  if (counts.inliers < min_inliers) {
+  if (counts.inliers < options.min_inliers) {
     return absl::StrCat(counts.inliers, " inliers of ", counts.visible, " points that should be in view, at least ",
-                        min_inliers, " needed");
+                        options.min_inliers, " needed");
   }
-  if (counts.cells < min_cells) {
+  // By cells and not by points: a crowd of points on one object must not pass for the whole view.
+  const int needed =
+      std::max(options.min_cells, static_cast<int>(std::ceil(options.min_support * counts.visible_cells)));
+  if (counts.cells < needed) {
     return absl::StrCat(counts.inliers, " inliers lie in ", counts.cells, " of the ", counts.visible_cells,
-                        " cells of the image that should show points of the map, at least ", min_cells, " needed");
+                        " cells of the image that should show points of the map, at least ", needed, " needed");
   }
   const double position_sigma = std::sqrt(covariance.topLeftCorner<3, 3>().trace()) / estimate.median_depth;
   if (!(position_sigma <= options.max_position_sigma)) {
@@ -192,6 +191,12 @@ std::string Objection(const Estimate& estimate, const RelocalizationCounts& coun
                         options.max_rotation_sigma_deg, " allowed");
   }
   return "";
+}
+
+// Beyond doubt: enough inliers nearly everywhere where points should be in view. An answer that is accepted with less
+// may be one of several; then the other groups are tried, too.
+bool IsStrong(const RelocalizationCounts& counts, const RelocalizerOptions& options) {
+  return counts.inliers >= options.strong_inliers && counts.cells >= options.strong_support * counts.visible_cells;
 }
 
 KeyframeId ReferenceKeyframe(const map::Snapshot& map, const std::vector<PointObservation>& inliers) {
@@ -256,14 +261,9 @@ absl::StatusOr<Relocalization> TryGroup(const Query& query, const Group& group, 
     return attempt;
   }
   attempt.localized = true;
+  attempt.beyond_doubt = IsStrong(attempt.counts, options);
   attempt.stage = RelocalizationStage::kDone;
   return attempt;
-}
-
-// Beyond doubt: enough inliers nearly everywhere where points should be in view. An answer that is accepted with less
-// may be one of several; then the other groups are tried, too.
-bool IsStrong(const RelocalizationCounts& counts, const RelocalizerOptions& options) {
-  return counts.inliers >= options.min_inliers && counts.cells >= options.strong_support * counts.visible_cells;
 }
 
 // Which of two attempts is better, or got further.
@@ -289,15 +289,13 @@ absl::Status RelocalizerOptions::Validate() const {
     if (!(factor > 0.0)) return bad("guided_radius_factors must be positive");
   }
   if (descriptors_per_point < 1) return bad("descriptors_per_point must be at least 1");
-  if (min_inliers_with_support < 6) return bad("min_inliers_with_support must be at least 6");
-  if (min_cells_with_support < 1) return bad("min_cells_with_support must be at least 1");
-  if (min_cells < min_cells_with_support || min_cells > kCells * kCells) {
-    return bad("min_cells must be from min_cells_with_support to 64");
-  }
-  if (min_inliers < min_inliers_with_support) return bad("min_inliers must not be below min_inliers_with_support");
+  if (min_inliers < 6) return bad("min_inliers must be at least 6");
+  if (min_cells < 1 || min_cells > kCells * kCells) return bad("min_cells must be from 1 to 64");
   if (!(min_support >= 0.0 && min_support <= 1.0)) return bad("min_support must be in [0, 1]");
-  if (!(strong_support >= min_support && strong_support <= 1.0))
+  if (strong_inliers < min_inliers) return bad("strong_inliers must not be below min_inliers");
+  if (!(strong_support >= min_support && strong_support <= 1.0)) {
     return bad("strong_support must be in [min_support, 1]");
+  }
   if (!(max_position_sigma > 0.0)) return bad("max_position_sigma must be positive");
   if (!(max_rotation_sigma_deg > 0.0)) return bad("max_rotation_sigma_deg must be positive");
   ProjectionOptions projection;
@@ -354,7 +352,7 @@ absl::StatusOr<Relocalization> Relocalizer::Relocalize(const map::Snapshot& map,
   best.stage = RelocalizationStage::kCandidates;
   for (std::size_t i = 0; i < groups.size(); ++i) {
     CAIRN_ASSIGN_OR_RETURN(Relocalization attempt, TryGroup(query, groups[i], i, options_, counts));
-    if (attempt.localized && IsStrong(attempt.counts, options_)) return attempt;
+    if (attempt.beyond_doubt) return attempt;
     if (i == 0 || Better(attempt, best)) best = std::move(attempt);
   }
   return best;
