@@ -135,6 +135,16 @@ absl::StatusOr<std::string> ResolveNew(const std::string& path) {
   return resolved.string();
 }
 
+absl::Status CheckNoCompanion(const std::string& path) {
+  for (const absl::string_view suffix : {kLogSuffix, kSharedMemorySuffix, kJournalSuffix, kLockSuffix, kNewSuffix}) {
+    if (!absl::EndsWith(path, suffix)) continue;
+    return absl::InvalidArgumentError(absl::StrCat("a map's name must not end in ", suffix, ": such a file beside ",
+                                                   path.substr(0, path.size() - suffix.size()),
+                                                   " would belong to that map; choose another name"));
+  }
+  return absl::OkStatus();
+}
+
 bool IsNetworkType(absl::string_view type) {
   constexpr std::array<absl::string_view, 26> kTypes = {"nfs",
                                                         "nfs4",

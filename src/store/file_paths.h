@@ -22,6 +22,9 @@ absl::StatusOr<std::string> ResolveExisting(const std::string& path);
 // Likewise for a file that need not exist, but whose folder must.
 absl::StatusOr<std::string> ResolveNew(const std::string& path);
 
+// InvalidArgument for the name of what may stand beside a map: it would be taken for that, and removed.
+absl::Status CheckNoCompanion(const std::string& path);
+
 std::string FolderOf(const std::string& path);
 bool HasContent(const std::string& path);
 // `path`, or if there is something already, the first of `path`-2, `path`-3, ... where there is nothing.

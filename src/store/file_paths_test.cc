@@ -293,5 +293,15 @@ TEST(FilePaths, AClosedMapOnAFullDiskIsRead) {
   EXPECT_EQ(umount(disk.c_str()), 0);
 }
 
+TEST(MapNames, AreNotThoseOfWhatStandsBesideAMap) {
+  const TempFolder folder;
+  for (const char* suffix : {"-wal", "-shm", "-journal", "-lock", "-new"}) {
+    const auto created = CreateMapStore(folder.File("office.cairn") + suffix, TestInfo(), {});
+    EXPECT_EQ(created.status().code(), absl::StatusCode::kInvalidArgument) << suffix;
+    EXPECT_THAT(Message(created.status()), HasSubstr(suffix));
+  }
+  EXPECT_TRUE(CreateMapStore(folder.File("office-walls.cairn"), TestInfo(), {}).ok());
+}
+
 }  // namespace
 }  // namespace cairn::store

@@ -24,6 +24,7 @@ absl::StatusOr<std::unique_ptr<MapStore>> NewSqliteMap::Create(const std::string
   auto created = [&]() -> absl::StatusOr<std::unique_ptr<MapStore>> {
     CAIRN_RETURN_IF_ERROR(CheckNewInfo(info));
     CAIRN_ASSIGN_OR_RETURN(std::string resolved, ResolveNew(path));
+    CAIRN_RETURN_IF_ERROR(CheckNoCompanion(resolved));
     CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
     std::unique_ptr<NewSqliteMap> map(new NewSqliteMap(path, std::move(resolved), info, std::move(options)));
     if (!map->options_.overwrite && access(map->resolved_.c_str(), F_OK) == 0) {

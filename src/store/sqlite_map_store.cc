@@ -359,6 +359,7 @@ absl::StatusOr<std::string> SqliteMapStore::ContentDigest() {
 absl::Status SqliteMapStore::CopyTo(const std::string& path) {
   const auto copy = [&]() -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveNew(path));
+    CAIRN_RETURN_IF_ERROR(CheckNoCompanion(resolved));
     CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
     CAIRN_ASSIGN_OR_RETURN(const auto lock, WriterLock::Acquire(resolved));
     if (access(resolved.c_str(), F_OK) == 0) return MakeFault(Fault::kExists, "exists already: choose another name");
