@@ -46,6 +46,7 @@ std::vector<const map::MapPoint*> LocalPoints(const map::Snapshot& map, std::spa
 struct Round {
   bool ok = false;
   SE3 camera_from_map;
+  Matrix6d covariance = Matrix6d::Zero();
   std::vector<PointMatch> inliers;
   std::vector<std::uint32_t> visible;
   int matches = 0;
@@ -69,6 +70,7 @@ Round MatchAndRefine(const FeatureView& view, const SE3& seed, std::span<const m
   if (!refined.ok()) return round;
   round.ok = true;
   round.camera_from_map = refined->camera_from_map;
+  round.covariance = refined->covariance;
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (refined->inlier[i]) round.inliers.push_back(matched.matches[i]);
   }
@@ -175,6 +177,7 @@ TrackedView TrackLocalMap(const map::Snapshot& map, const FeatureView& view, con
 
   result.tracked = true;
   result.camera_from_map = round.camera_from_map;
+  result.covariance = round.covariance;
   for (const auto& match : round.inliers) result.points[match.feature] = points[match.point]->id;
   for (const std::uint32_t index : round.visible) result.visible.push_back(points[index]->id);
   result.reference = MostSharing(points, round.inliers);

@@ -51,6 +51,9 @@ struct LocalMapStart {
 struct TrackedView {
   bool tracked = false;  // enough inliers; otherwise the pose is the seed
   SE3 camera_from_map;
+  // Of (translation, rotation) as a left increment of camera_from_map, map units and radians, with what the seed's
+  // sigmas say; of the refinement only: that the map's points err together is not in it.
+  Matrix6d covariance = Matrix6d::Zero();
   std::vector<PointId> points;     // per feature: the point it observes (inliers only), or none
   std::vector<PointId> visible;    // points that should be seen, ascending; the inliers are among them
   KeyframeId reference;            // that shares most of the inliers
