@@ -28,11 +28,13 @@ MotionSigma SigmaSince(const Anchor& anchor, const Odometer& now, const DriftOpt
 
 Matrix6d CovarianceOf(const Anchor& anchor, const SE3& map_from_camera, const MotionSigma& motion,
                       const DriftOptions& options) {
-  const double map_sigma = options.map_depth_share * anchor.place.median_depth;
+  const double misfit = anchor.residual_rms * anchor.residual_rms;
+  const double map_sigma = misfit * options.map_depth_share * anchor.place.median_depth;
+  const double map_rotation_rad = misfit * options.map_rotation_rad;
   Vector6d variance;
   variance << Vector3d::Constant(motion.translation * motion.translation + map_sigma * map_sigma),
       Vector3d::Constant(motion.rotation_rad * motion.rotation_rad +
-                         options.map_rotation_rad * options.map_rotation_rad);
+                         map_rotation_rad * map_rotation_rad);
   // T Exp(x) = Exp(Ad(T) x) T; a left increment of the anchor's pose is one of every pose that hangs on it.
   const Matrix6d adjoint = map_from_camera.Adjoint();
   return anchor.covariance + adjoint * variance.asDiagonal() * adjoint.transpose();

@@ -25,9 +25,11 @@ struct DriftOptions {
   double rotation_rad = 0.0005;
   // What a frame that the image did not show, but the motion before, counts more.
   double blind_factor = 20.0;
-  // Of the map, per axis. Measured: docs/benchmarks.md.
-  double map_depth_share = 0.0045;
-  double map_rotation_rad = 0.003;
+  // Of the map, per axis, times the square of Anchor::residual_rms: where a map is bent, or its lens or shutter not what
+  // the model says, images fit it worse. A measured law, not a derived one: in rendered worlds residuals are half as
+  // large as in a recording of a handheld camera with a rolling shutter, and the errors a fifth (docs/benchmarks.md).
+  double map_depth_share = 0.0085;
+  double map_rotation_rad = 0.0065;
 
   absl::Status Validate() const;
 };
@@ -47,6 +49,7 @@ struct Anchor {
   Matrix6d covariance = Matrix6d::Zero();  // as Sighting::covariance
   TimeNs time_ns = 0;
   int inliers = 0;
+  double residual_rms = 1.0;  // tracking::TrackedView::residual_rms
   Odometer odometer;  // at that frame
 };
 

@@ -75,6 +75,7 @@ void FeatureTracker::SetAnchor(const direct::Frame& frame, const Sighting& sight
   anchor.covariance = sighting.covariance;
   anchor.time_ns = frame.time_ns;
   anchor.inliers = sighting.inliers;
+  anchor.residual_rms = sighting.residual_rms;
   motion_.reset();
   if (anchor_ && anchor_->place.component == anchor.place.component) {
     motion_s_ = ToSeconds(frame.time_ns - anchor_->time_ns);

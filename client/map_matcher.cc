@@ -79,6 +79,7 @@ Sighting MapMatcher::ToSighting(const tracking::MapView& view, const ImageFeatur
   sighting.place.median_depth = tracked.median_depth;
   sighting.covariance = optimization::CovarianceOfInverse(tracked.camera_from_map, tracked.covariance);
   sighting.inliers = tracked.inliers;
+  sighting.residual_rms = tracked.residual_rms;
   for (std::size_t i = 0; i < tracked.points.size(); ++i) {
     if (!tracked.points[i]) continue;
     sighting.place.seen.push_back(tracked.points[i]);

@@ -70,6 +70,7 @@ struct Sighting {
   // that the map errs there is not in it.
   Matrix6d covariance = Matrix6d::Zero();
   int inliers = 0;
+  double residual_rms = 1.0;  // tracking::TrackedView::residual_rms
   // The points seen, where they are in the image, with 1 / depth in map units: a direct::KnownView.
   std::vector<direct::PacketPoint> depths;
 };

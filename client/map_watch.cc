@@ -56,6 +56,7 @@ absl::StatusOr<std::unique_ptr<MapWatch>> MapWatch::Start(std::unique_ptr<MapRea
                                                  const std::lock_guard lock(self->mutex_);
                                                  self->answer_.emplace();
                                                  self->answer_->status = status;
+                                                 self->done_.notify_one();
                                                }));
   }
   return watch;
@@ -92,6 +93,11 @@ bool MapWatch::Busy() const {
   return job_.has_value() || under_way_ || answer_.has_value();
 }
 
+void MapWatch::Wait() {
+  std::unique_lock lock(mutex_);
+  done_.wait(lock, [&] { return (!job_ && !under_way_) || answer_.has_value(); });
+}
+
 void MapWatch::Run() {
   std::unique_lock lock(mutex_);
   for (;;) {
@@ -107,6 +113,7 @@ void MapWatch::Run() {
     lock.lock();
     answer_ = std::move(answer);
     under_way_ = false;
+    done_.notify_one();
   }
 }
 

@@ -64,6 +64,8 @@ class MapWatch {
   std::optional<WatchAnswer> Take();
   // Waiting or being done, or with an answer that was not taken.
   bool Busy() const;
+  // Until nothing is waiting or being done.
+  void Wait();
 
  private:
   MapWatch(std::unique_ptr<MapReader> reader, std::shared_ptr<const MapMatcher> matcher, const Pinhole& pinhole,
@@ -84,7 +86,7 @@ class MapWatch {
   absl::Status following_;
 
   mutable std::mutex mutex_;  // guards what follows
-  std::condition_variable work_;
+  std::condition_variable work_, done_;
   bool ending_ = false;
   bool under_way_ = false;
   std::optional<WatchJob> job_;

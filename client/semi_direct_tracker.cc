@@ -1,6 +1,7 @@
 // Direct tracking of every frame, anchored by matches against the map (client/local_tracker.h).
 #include <algorithm>
 #include <cmath>
+#include <opencv2/core.hpp>
 #include <utility>
 
 #include "client/frame_tracker.h"
@@ -8,6 +9,15 @@
 
 namespace cairn::client {
 namespace {
+
+// An image whose brightness varies less than this, in gray levels, shows nothing: it is dark, or covered.
+constexpr double kBlankGray = 1.0;
+
+bool IsBlank(const cv::Mat& image) {
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(image, mean, deviation);
+  return deviation[0] < kBlankGray;
+}
 
 // What a match is expected to differ by in any case, beside what the odometry may have drifted.
 constexpr double kSeedDepthShare = 0.003;
@@ -46,7 +56,7 @@ class SemiDirectTracker : public FrameTracker {
   void Count(const direct::FrameResult& result);
   TrackStep Followed(const direct::FrameResult& result, const SE3& map_from_camera);
   void MatchBeside(const direct::Frame& frame, const direct::FrameResult& result, const SE3& map_from_camera);
-  absl::StatusOr<TrackStep> Lost(const direct::Frame& frame, const std::string& why);
+  absl::StatusOr<TrackStep> Lost(const direct::Frame& frame, const std::string& why, bool worth_a_look);
   absl::StatusOr<Sighting> LookInCall(const direct::Frame& frame) const;
   void BeginAt(const direct::Frame& frame, const Sighting& sighting);
 
@@ -72,7 +82,13 @@ class SemiDirectTracker : public FrameTracker {
 };
 
 absl::StatusOr<TrackStep> SemiDirectTracker::Track(const direct::Frame& frame) {
+  const LocalTrackerOptions& options = context_.options;
+  if (options.wait_for_matches && ToSeconds(frame.time_ns - given_ns_) >= options.match_interval_s) {
+    context_.watch->Wait();
+  }
   CAIRN_RETURN_IF_ERROR(TakeMessage());
+  // It tells the odometry nothing, and would cost it, and a relocalization, as much as a place that is not known.
+  if (IsBlank(frame.image)) return Lost(frame, "the image is blank", false);
   std::string why = "not found in the map yet";
   direct::FrameResult result;
   if (follower_ != nullptr) {
@@ -80,15 +96,15 @@ absl::StatusOr<TrackStep> SemiDirectTracker::Track(const direct::Frame& frame) {
     why = result.message;
     if (follower_->ended()) follower_.reset();
   }
-  if (follower_ == nullptr || result.keyframe < 0) return Lost(frame, why);
+  if (follower_ == nullptr || result.keyframe < 0) return Lost(frame, why, true);
   Count(result);
   std::optional<SE3> pose = PoseOf(result);
-  if (!pose) return Lost(frame, "what the camera was matched with is not in the map any more");
+  if (!pose) return Lost(frame, "what the camera was matched with is not in the map any more", true);
   MatchBeside(frame, result, *pose);
-  if (context_.options.deterministic) {
+  if (options.deterministic) {
     CAIRN_RETURN_IF_ERROR(TakeMessage());
     pose = PoseOf(result);
-    if (!pose) return Lost(frame, "what the camera was matched with is not in the map any more");
+    if (!pose) return Lost(frame, "what the camera was matched with is not in the map any more", true);
   }
   return Followed(result, *pose);
 }
@@ -239,17 +255,19 @@ bool SemiDirectTracker::Contradicts(const WatchAnswer& answer) {
 
 void SemiDirectTracker::SetAnchor(const direct::FrameResult& direct, const Odometer& odometer,
                                   const Sighting& sighting) {
-  anchor_ = Anchor{direct, sighting.place, sighting.covariance, direct.time_ns, sighting.inliers, odometer};
+  anchor_ = Anchor{direct,           sighting.place,        sighting.covariance, direct.time_ns,
+                   sighting.inliers, sighting.residual_rms, odometer};
   failures_ = 0;
   doubted_.reset();
 }
 
 // The odometry is lost, or there is none.
-absl::StatusOr<TrackStep> SemiDirectTracker::Lost(const direct::Frame& frame, const std::string& why) {
+absl::StatusOr<TrackStep> SemiDirectTracker::Lost(const direct::Frame& frame, const std::string& why,
+                                                   bool worth_a_look) {
   TrackStep step;
   step.reason = why;
   const bool in_call = context_.options.relocalize_in_call || context_.options.deterministic;
-  const bool look = lost_.Lost(frame.time_ns);
+  const bool look = worth_a_look && lost_.Lost(frame.time_ns);
   if (!context_.watch->Busy()) {  // what is looked for, or only whether the map has changed
     WatchJob job;
     job.retired = std::move(context_.retired);

@@ -59,6 +59,9 @@ struct TrackedView {
   KeyframeId reference;            // that shares most of the inliers
   std::vector<KeyframeId> nearby;  // by pose only, nearest first
   double median_depth = 0.0;       // z of the inliers in the camera, map units
+  // Root mean square of the inliers' residuals, per coordinate, in units of their keypoints' size: how well image and
+  // map agree.
+  double residual_rms = 0.0;
   int matches = 0;
   int inliers = 0;
 };
