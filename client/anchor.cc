@@ -1,8 +1,15 @@
 #include "client/anchor.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace cairn::client {
+namespace {
+
+constexpr double kManyInliers = 150.0;
+constexpr double kMisfitPower = 2.5;
+
+}  // namespace
 
 absl::Status DriftOptions::Validate() const {
   const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("tracker: ", what)); };
@@ -28,13 +35,14 @@ MotionSigma SigmaSince(const Anchor& anchor, const Odometer& now, const DriftOpt
 
 Matrix6d CovarianceOf(const Anchor& anchor, const SE3& map_from_camera, const MotionSigma& motion,
                       const DriftOptions& options) {
-  const double misfit = anchor.residual_rms * anchor.residual_rms;
+  // At its edge a map knows few points, and those from few sides.
+  const double few = std::sqrt(std::max(1.0, kManyInliers / std::max(anchor.inliers, 1)));
+  const double misfit = few * std::pow(anchor.residual_rms, kMisfitPower);
   const double map_sigma = misfit * options.map_depth_share * anchor.place.median_depth;
   const double map_rotation_rad = misfit * options.map_rotation_rad;
   Vector6d variance;
   variance << Vector3d::Constant(motion.translation * motion.translation + map_sigma * map_sigma),
-      Vector3d::Constant(motion.rotation_rad * motion.rotation_rad +
-                         map_rotation_rad * map_rotation_rad);
+      Vector3d::Constant(motion.rotation_rad * motion.rotation_rad + map_rotation_rad * map_rotation_rad);
   // T Exp(x) = Exp(Ad(T) x) T; a left increment of the anchor's pose is one of every pose that hangs on it.
   const Matrix6d adjoint = map_from_camera.Adjoint();
   return anchor.covariance + adjoint * variance.asDiagonal() * adjoint.transpose();

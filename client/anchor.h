@@ -18,18 +18,19 @@ namespace cairn::client {
 
 struct DriftOptions {
   // Standard deviation of the odometry, per axis: as share of the way and of the turn since the anchor, ...
-  double way_share = 0.03;
-  double turn_share = 0.03;
+  double way_share = 0.015;
+  double turn_share = 0.012;
   // ... and in any case, as share of the median depth, and in rad.
   double depth_share = 0.001;
   double rotation_rad = 0.0005;
   // What a frame that the image did not show, but the motion before, counts more.
   double blind_factor = 20.0;
-  // Of the map, per axis, times the square of Anchor::residual_rms: where a map is bent, or its lens or shutter not what
-  // the model says, images fit it worse. A measured law, not a derived one: in rendered worlds residuals are half as
-  // large as in a recording of a handheld camera with a rolling shutter, and the errors a fifth (docs/benchmarks.md).
-  double map_depth_share = 0.0085;
-  double map_rotation_rad = 0.0065;
+  // Of the map, per axis, times Anchor::residual_rms to the power of 2.5, and more where few points are seen: where a
+  // map is bent, or its lens or shutter not what the model says, images fit it worse. A measured law, not a derived
+  // one: in rendered worlds residuals are half as large as in a recording of a handheld camera with a rolling shutter,
+  // and the errors a fifth (docs/benchmarks.md).
+  double map_depth_share = 0.009;
+  double map_rotation_rad = 0.0072;
 
   absl::Status Validate() const;
 };
@@ -50,7 +51,7 @@ struct Anchor {
   TimeNs time_ns = 0;
   int inliers = 0;
   double residual_rms = 1.0;  // tracking::TrackedView::residual_rms
-  Odometer odometer;  // at that frame
+  Odometer odometer;          // at that frame
 };
 
 // Standard deviations per axis of the motion between the anchor and a frame.

@@ -103,7 +103,8 @@ Sighting MapMatcher::Match(const tracking::MapView& view, const ImageFeatures& i
   start.radius_factor = RadiusFactor(expected, pinhole, options_.local_map.search_radius_px);
   const tracking::TrackedView tracked =
       TrackLocalMap(view.map(), {pinhole, image.features, grid}, start, options_.local_map);
-  const int needed = expected.after_loss ? options_.min_inliers_after_loss : options_.local_map.min_inliers;
+  const bool cautious = expected.after_loss || expected.cautious;
+  const int needed = cautious ? options_.min_inliers_after_loss : options_.local_map.min_inliers;
   if (!tracked.tracked || tracked.inliers < needed || tracked.inliers < options_.min_inlier_share * tracked.matches) {
     Sighting miss;
     miss.reason = absl::StrCat("of ", image.features.size(), " features ", tracked.inliers,

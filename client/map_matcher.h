@@ -27,7 +27,8 @@ struct MapMatcherOptions {
   // Of the matches of the last round of LocalMapTracker, the share that must agree on one pose. In a place that only is
   // thought to be the right one, what lies within the search radius agrees on nothing.
   double min_inlier_share = 0.4;
-  // Where the camera was lost: as many matches must agree, as of a relocalization whose support is not weighed.
+  // Where the camera was lost, or was not matched lately: as many matches must agree, as of a relocalization whose
+  // support is not weighed.
   int min_inliers_after_loss = 50;
 
   absl::Status Validate() const;
@@ -58,7 +59,8 @@ struct Expectation {
   // Per axis, as tracking::PoseSeed; 0: the pose is only where the search starts.
   double translation_sigma = 0.0;  // map units
   double rotation_sigma_rad = 0.0;
-  bool after_loss = false;  // search wide, and believe less
+  bool after_loss = false;  // search wide, and be cautious
+  bool cautious = false;    // as many matches as after a loss must agree
 };
 
 // A match of an image with the map.

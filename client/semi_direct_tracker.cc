@@ -163,6 +163,7 @@ void SemiDirectTracker::MatchBeside(const direct::Frame& frame, const direct::Fr
   expected.place.map_from_camera = map_from_camera;
   expected.translation_sigma = std::hypot(motion.translation, kSeedDepthShare * anchor_->place.median_depth);
   expected.rotation_sigma_rad = std::hypot(motion.rotation_rad, kSeedRotationRad);
+  expected.cautious = failures_ > 0;
   job.expected = std::move(expected);
   const double since_s = ToSeconds(frame.time_ns - anchor_->time_ns);
   if (failures_ >= kFailuresToSearch &&
@@ -255,15 +256,15 @@ bool SemiDirectTracker::Contradicts(const WatchAnswer& answer) {
 
 void SemiDirectTracker::SetAnchor(const direct::FrameResult& direct, const Odometer& odometer,
                                   const Sighting& sighting) {
-  anchor_ = Anchor{direct,           sighting.place,        sighting.covariance, direct.time_ns,
-                   sighting.inliers, sighting.residual_rms, odometer};
+  anchor_ = Anchor{
+      direct, sighting.place, sighting.covariance, direct.time_ns, sighting.inliers, sighting.residual_rms, odometer};
   failures_ = 0;
   doubted_.reset();
 }
 
 // The odometry is lost, or there is none.
 absl::StatusOr<TrackStep> SemiDirectTracker::Lost(const direct::Frame& frame, const std::string& why,
-                                                   bool worth_a_look) {
+                                                  bool worth_a_look) {
   TrackStep step;
   step.reason = why;
   const bool in_call = context_.options.relocalize_in_call || context_.options.deterministic;
