@@ -133,7 +133,6 @@ absl::StatusOr<client::LocalTrackerOptions> TrackerOptions(const TrackOptions& o
   tracker.mode = options.mode == "features" ? client::TrackMode::kFeatures : client::TrackMode::kSemiDirect;
   tracker.deterministic = options.deterministic;
   tracker.wait_for_matches = options.realtime_speed == 0.0;
-  if (getenv("TRK_INT")) tracker.match_interval_s = atof(getenv("TRK_INT"));
   return tracker;
 }
 
