@@ -20,7 +20,8 @@ class FeatureTracker : public FrameTracker {
 
  private:
   absl::Status FollowMap();
-  Sighting MatchNear(const ImageFeatures& image, TimeNs time_ns) const;
+  Sighting MatchAhead(const ImageFeatures& image, TimeNs time_ns) const;
+  absl::StatusOr<Sighting> LookFor(const ImageFeatures& image, bool nearby, TimeNs time_ns);
   void SetAnchor(const direct::Frame& frame, const Sighting& sighting);
 
   TrackerContext& context_;
@@ -51,21 +52,30 @@ absl::Status FeatureTracker::FollowMap() {
   return absl::OkStatus();
 }
 
-Sighting FeatureTracker::MatchNear(const ImageFeatures& image, TimeNs time_ns) const {
-  Sighting sighting;
-  sighting.reason = "not found in the map yet";
-  if (!anchor_ || ToSeconds(time_ns - anchor_->time_ns) > kNearbyS) return sighting;
+// Where the camera would be at constant velocity, if that is known.
+Sighting FeatureTracker::MatchAhead(const ImageFeatures& image, TimeNs time_ns) const {
   Expectation expected;
   expected.place = anchor_->place;
   if (motion_ && motion_s_ > 0.0) {
     const double ratio = std::min(ToSeconds(time_ns - anchor_->time_ns) / motion_s_, kMaxVelocityRatio);
     expected.place.map_from_camera = anchor_->place.map_from_camera * SE3::Exp(ratio * motion_->Log());
+  }
+  return context_.matcher->Match(*context_.view, image, expected);
+}
+
+// Around the last pose, and then, from time to time, anywhere.
+absl::StatusOr<Sighting> FeatureTracker::LookFor(const ImageFeatures& image, bool nearby, TimeNs time_ns) {
+  Sighting sighting;
+  sighting.reason = "not found in the map yet";
+  if (nearby) {
+    Expectation expected;
+    expected.place = anchor_->place;
+    expected.after_loss = true;
     sighting = context_.matcher->Match(*context_.view, image, expected);
     if (sighting.found) return sighting;
   }
-  expected.place.map_from_camera = anchor_->place.map_from_camera;
-  expected.after_loss = true;
-  return context_.matcher->Match(*context_.view, image, expected);
+  if (!lost_.Lost(time_ns)) return sighting;
+  return context_.matcher->Find(*context_.view, image);
 }
 
 void FeatureTracker::SetAnchor(const direct::Frame& frame, const Sighting& sighting) {
@@ -86,12 +96,17 @@ void FeatureTracker::SetAnchor(const direct::Frame& frame, const Sighting& sight
 
 absl::StatusOr<TrackStep> FeatureTracker::Track(const direct::Frame& frame) {
   CAIRN_RETURN_IF_ERROR(FollowMap());
-  CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, context_.matcher->Extract(*context_.view, frame.image));
+  const bool nearby = anchor_ && ToSeconds(frame.time_ns - anchor_->time_ns) <= kNearbyS;
   TrackStep step;
   step.state = api::TrackState::kTracked;
-  Sighting sighting = MatchNear(image, frame.time_ns);
-  if (!sighting.found && lost_.Lost(frame.time_ns)) {
-    CAIRN_ASSIGN_OR_RETURN(sighting, context_.matcher->Find(*context_.view, image));
+  Sighting sighting;
+  if (nearby) {
+    CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, context_.matcher->Extract(*context_.view, frame.image, false));
+    sighting = MatchAhead(image, frame.time_ns);
+  }
+  if (!sighting.found) {
+    CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, context_.matcher->Extract(*context_.view, frame.image, true));
+    CAIRN_ASSIGN_OR_RETURN(sighting, LookFor(image, nearby, frame.time_ns));
     step.state = api::TrackState::kLocated;
   }
   if (!sighting.found) {

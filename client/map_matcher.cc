@@ -28,6 +28,9 @@ double RadiusFactor(const Expectation& expected, const Pinhole& pinhole, double 
 
 absl::Status MapMatcherOptions::Validate() const {
   if (num_features < 0) return absl::InvalidArgumentError("map matcher: num_features must not be negative");
+  if (num_features_followed < local_map.min_inliers) {
+    return absl::InvalidArgumentError("map matcher: num_features_followed must not be below local_map.min_inliers");
+  }
   if (!(min_inlier_share >= 0.0 && min_inlier_share < 1.0)) {
     return absl::InvalidArgumentError("map matcher: min_inlier_share must be in [0, 1)");
   }
@@ -59,10 +62,13 @@ std::optional<Place> Place::In(const map::Snapshot& before, const map::Snapshot&
   return place;
 }
 
-absl::StatusOr<ImageFeatures> MapMatcher::Extract(const tracking::MapView& view, const cv::Mat& undistorted) const {
+absl::StatusOr<ImageFeatures> MapMatcher::Extract(const tracking::MapView& view, const cv::Mat& undistorted,
+                                                  bool all) const {
   const image::OrbExtractor extractor(view.map().info().orb);
   ImageFeatures image;
-  CAIRN_ASSIGN_OR_RETURN(image.features, extractor.Extract(undistorted, options_.num_features));
+  const int most = options_.num_features > 0 ? options_.num_features : extractor.parameters().num_features;
+  const int wanted = all ? most : std::min(most, options_.num_features_followed);
+  CAIRN_ASSIGN_OR_RETURN(image.features, extractor.Extract(undistorted, wanted));
   image.in_image = image.features.keypoints;
   CorrectLens(view.map(), *undistorter_, &image.features);
   return image;

@@ -23,7 +23,8 @@ namespace cairn::client {
 struct MapMatcherOptions {
   tracking::RelocalizerOptions relocalizer;
   tracking::LocalMapTrackerOptions local_map;
-  int num_features = 0;  // per image; 0: as many as the map's keyframes were made with
+  int num_features = 0;             // per image; 0: as many as the map's keyframes were made with
+  int num_features_followed = 800;  // per image while every one is followed by features: fewer are enough
   // Of the matches of the last round of LocalMapTracker, the share that must agree on one pose. In a place that only is
   // thought to be the right one, what lies within the search radius agrees on nothing.
   double min_inlier_share = 0.4;
@@ -83,7 +84,8 @@ class MapMatcher {
   MapMatcher(const MapMatcherOptions& options, std::shared_ptr<const image::Undistorter> undistorter)
       : options_(options), relocalizer_(options.relocalizer), undistorter_(std::move(undistorter)) {}
 
-  absl::StatusOr<ImageFeatures> Extract(const tracking::MapView& view, const cv::Mat& undistorted) const;
+  // All of them, or as many as are enough to follow a camera.
+  absl::StatusOr<ImageFeatures> Extract(const tracking::MapView& view, const cv::Mat& undistorted, bool all) const;
   Sighting Match(const tracking::MapView& view, const ImageFeatures& image, const Expectation& expected) const;
   // Anywhere, accepted as tracking::Relocalizer does.
   absl::StatusOr<Sighting> Find(const tracking::MapView& view, const ImageFeatures& image) const;

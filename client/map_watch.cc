@@ -141,7 +141,6 @@ WatchAnswer MapWatch::Do(const WatchJob& job) {
 absl::Status MapWatch::Look(const WatchJob& job, WatchAnswer* answer) {
   answer->looked = true;
   const tracking::MapView& view = *answer->view;
-  CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, matcher_->Extract(view, job.frame.image));
   std::optional<Expectation> expected = job.expected;
   if (expected && job.view != answer->view) {
     const std::optional<Place> place = expected->place.In(job.view->map(), view.map(), &answer->unit_ratio);
@@ -152,8 +151,10 @@ absl::Status MapWatch::Look(const WatchJob& job, WatchAnswer* answer) {
       expected.reset();
     }
   }
+  const bool anywhere = job.find_anywhere || !expected;
+  CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, matcher_->Extract(view, job.frame.image, true));
   if (expected) answer->sighting = matcher_->Match(view, image, *expected);
-  if (!answer->sighting.found && (job.find_anywhere || !expected)) {
+  if (!answer->sighting.found && anywhere) {
     CAIRN_ASSIGN_OR_RETURN(answer->sighting, matcher_->Find(view, image));
     answer->anywhere = true;
   }

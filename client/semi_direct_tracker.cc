@@ -299,7 +299,7 @@ absl::StatusOr<TrackStep> SemiDirectTracker::Lost(const direct::Frame& frame, co
 
 // Around the last pose, if it is not long ago, and then anywhere.
 absl::StatusOr<Sighting> SemiDirectTracker::LookInCall(const direct::Frame& frame) const {
-  CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, context_.matcher->Extract(*context_.view, frame.image));
+  CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, context_.matcher->Extract(*context_.view, frame.image, true));
   if (anchor_ && posed_ns_ && ToSeconds(frame.time_ns - *posed_ns_) <= kNearbyS) {
     Expectation expected;
     expected.place = anchor_->place;

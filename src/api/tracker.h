@@ -20,7 +20,7 @@ struct TrackFrame {
 };
 
 enum class TrackState {
-  kLocated,  // found in the map by this image alone
+  kLocated,  // found in the map by this image, not by following the one before
   kTracked,  // followed, and matched against the map
   kCarried,  // followed from where the map was last matched: the covariance grows until it is again
   kLost,     // no pose
