@@ -41,6 +41,31 @@ TEST(LocalTracker, ErrorsOfTheFileOfTheCameraAndOfOptions) {
   EXPECT_EQ(client::LocalTracker::Open("any", bad).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
+// No call takes as long as a relocalization: the answer reaches a later frame.
+TEST(LocalTracker, FindsItselfBesideTheCalls) {
+  const std::string path = testing::TempDir() + "/local_tracker_test_" + std::to_string(getpid()) + ".cairn";
+  std::remove(path.c_str());
+  ASSERT_TRUE(WriteConformanceMap(path).ok());
+  const ConformanceMap& map = TheConformanceMap();
+  client::LocalTrackerOptions options;
+  options.relocalize_in_call = false;
+  const auto tracker = client::LocalTracker::Open(path, Camera::FromPinhole(map.pinhole), options);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  const auto pose_at = [](int i) { return LookInRoom({-0.3 + 0.004 * i, 0.0, -1.4}, 0.002 * i); };
+  int followed = 0;
+  for (int i = 0; i < 300 && followed < 20; ++i) {
+    const auto answer = (*tracker)->Track({map.room.Render(map.pinhole, pose_at(i)), 1 + i * 33'333'333LL});
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    EXPECT_NE(answer->state, api::TrackState::kLocated);
+    EXPECT_TRUE(i > 0 || answer->state == api::TrackState::kLost);
+    if (answer->state == api::TrackState::kLost) continue;
+    ++followed;
+    EXPECT_LT((answer->map_from_camera.translation() - pose_at(i).Inverse().translation()).norm(), 0.03);
+  }
+  EXPECT_EQ(followed, 20);
+  std::remove(path.c_str());
+}
+
 // What a place becomes when its component is joined to another one, half as large and turned.
 TEST(Place, MovesWithItsKeyframeIntoAnotherComponent) {
   const std::shared_ptr<const map::Snapshot> before = TheConformanceMap().snapshot;

@@ -54,6 +54,7 @@ absl::StatusOr<std::unique_ptr<MapWatch>> MapWatch::Start(std::unique_ptr<MapRea
                                                "the tracker's matching", [self] { self->Run(); },
                                                [self](const absl::Status& status) {
                                                  const std::lock_guard lock(self->mutex_);
+                                                 self->failed_ = true;
                                                  self->answer_.emplace();
                                                  self->answer_->status = status;
                                                  self->done_.notify_one();
@@ -85,6 +86,7 @@ void MapWatch::Give(WatchJob job) {
 
 std::optional<WatchAnswer> MapWatch::Take() {
   const std::lock_guard lock(mutex_);
+  if (failed_) return answer_;  // nothing else will come
   return std::exchange(answer_, std::nullopt);
 }
 

@@ -89,6 +89,7 @@ class MapWatch {
   std::condition_variable work_, done_;
   bool ending_ = false;
   bool under_way_ = false;
+  bool failed_ = false;  // the thread has ended; answer_ says why
   std::optional<WatchJob> job_;
   std::optional<WatchAnswer> answer_;
   std::thread thread_;

@@ -92,9 +92,11 @@ absl::StatusOr<TrackStep> SemiDirectTracker::Track(const direct::Frame& frame) {
   std::string why = "not found in the map yet";
   direct::FrameResult result;
   if (follower_ != nullptr) {
-    CAIRN_ASSIGN_OR_RETURN(result, follower_->Track(frame));
-    why = result.message;
-    if (follower_->ended()) follower_.reset();
+    absl::StatusOr<direct::FrameResult> tracked = follower_->Track(frame);
+    if (tracked.ok()) result = *std::move(tracked);
+    why = tracked.ok() ? result.message : std::string(tracked.status().message());
+    // A fresh one begins where the camera is found again.
+    if (!tracked.ok() || follower_->ended()) follower_.reset();
   }
   if (follower_ == nullptr || result.keyframe < 0) return Lost(frame, why, true);
   Count(result);
