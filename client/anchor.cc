@@ -7,7 +7,7 @@ namespace cairn::client {
 namespace {
 
 constexpr double kManyInliers = 150.0;
-constexpr double kMisfitPower = 2.5;
+constexpr double kMisfitPower = 3.0;
 
 }  // namespace
 

@@ -25,12 +25,12 @@ struct DriftOptions {
   double rotation_rad = 0.0005;
   // What a frame that the image did not show, but the motion before, counts more.
   double blind_factor = 20.0;
-  // Of the map, per axis, times Anchor::residual_rms to the power of 2.5, and more where few points are seen: where a
+  // Of the map, per axis, times the cube of Anchor::residual_rms, and more where few points are seen: where a
   // map is bent, or its lens or shutter not what the model says, images fit it worse. A measured law, not a derived
   // one: in rendered worlds residuals are half as large as in a recording of a handheld camera with a rolling shutter,
   // and the errors a fifth (docs/benchmarks.md).
-  double map_depth_share = 0.009;
-  double map_rotation_rad = 0.0072;
+  double map_depth_share = 0.0096;
+  double map_rotation_rad = 0.0077;
 
   absl::Status Validate() const;
 };

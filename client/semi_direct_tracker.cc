@@ -20,8 +20,8 @@ bool IsBlank(const cv::Mat& image) {
 }
 
 // What a match is expected to differ by in any case, beside what the odometry may have drifted.
-constexpr double kSeedDepthShare = 0.003;
-constexpr double kSeedRotationRad = 0.003;
+constexpr double kSeedDepthShare = 0.0015;
+constexpr double kSeedRotationRad = 0.0015;
 // While carried: after so many matches that failed the whole map is searched, searches this far apart.
 constexpr int kFailuresToSearch = 2;
 constexpr double kSearchApartS = 0.5;
