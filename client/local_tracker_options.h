@@ -1,3 +1,4 @@
+// The settings of client::LocalTracker, with defaults for every map and camera.
 #pragma once
 
 #include "base/status.h"

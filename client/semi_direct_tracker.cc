@@ -52,6 +52,8 @@ class SemiDirectTracker : public FrameTracker {
   bool Contradicts(const WatchAnswer& answer);
   void SetAnchor(const direct::FrameResult& direct, const Odometer& odometer, const Sighting& sighting);
 
+  // Matched against the map since the last frame without a pose.
+  bool Confirmed() const { return anchor_ && anchor_->direct.index > lost_index_; }
   std::optional<SE3> PoseOf(const direct::FrameResult& result) const;
   void Count(const direct::FrameResult& result);
   TrackStep Followed(const direct::FrameResult& result, const SE3& map_from_camera);
@@ -74,18 +76,19 @@ class SemiDirectTracker : public FrameTracker {
   std::optional<TimeNs> posed_ns_;  // the time of the last frame with a pose, ...
   SE3 last_pose_;                   // ... and that pose, in the frame of the anchor's component
 
-  TimeNs given_ns_ = 0;     // the last frame that was given to be matched
-  TimeNs searched_ns_ = 0;  // ... and looked for in the whole map
-  int failures_ = 0;        // matches that failed since the last that did not
+  std::int64_t lost_index_ = -1;   // the last frame without a pose
+  std::int64_t given_index_ = -1;  // the last frame that was given to be matched, ...
+  TimeNs given_ns_ = 0;            // ... and its time
+  TimeNs searched_ns_ = 0;         // of the last one that was looked for in the whole map
+  int failures_ = 0;               // matches that failed since the last that did not
   std::string failure_;
   LostClock lost_;
 };
 
 absl::StatusOr<TrackStep> SemiDirectTracker::Track(const direct::Frame& frame) {
   const LocalTrackerOptions& options = context_.options;
-  if (options.wait_for_matches && ToSeconds(frame.time_ns - given_ns_) >= options.match_interval_s) {
-    context_.watch->Wait();
-  }
+  const bool due = ToSeconds(frame.time_ns - given_ns_) >= options.match_interval_s || !Confirmed();
+  if (options.wait_for_matches && due) context_.watch->Wait();
   CAIRN_RETURN_IF_ERROR(TakeMessage());
   // It tells the odometry nothing, and would cost it, and a relocalization, as much as a place that is not known.
   if (IsBlank(frame.image)) return Lost(frame, "the image is blank", false);
@@ -123,6 +126,8 @@ TrackStep SemiDirectTracker::Followed(const direct::FrameResult& result, const S
   const double age_s = ToSeconds(result.time_ns - anchor_->time_ns);
   if (!result.message.empty()) {
     step.reason = result.message;
+  } else if (!Confirmed()) {
+    step.reason = "found again by the images before the loss, and not matched against the map since";
   } else if (failures_ > 0) {
     step.reason = failure_;
   } else if (age_s > context_.options.max_match_age_s) {
@@ -149,7 +154,10 @@ void SemiDirectTracker::Count(const direct::FrameResult& result) {
 void SemiDirectTracker::MatchBeside(const direct::Frame& frame, const direct::FrameResult& result,
                                     const SE3& map_from_camera) {
   const LocalTrackerOptions& options = context_.options;
-  if (ToSeconds(frame.time_ns - given_ns_) < options.match_interval_s || context_.watch->Busy()) return;
+  // What ends a loss by itself is not believed for longer than it must.
+  const bool due = ToSeconds(frame.time_ns - given_ns_) >= options.match_interval_s || given_index_ <= lost_index_;
+  if (!due || context_.watch->Busy()) return;
+  given_index_ = frame.index;
   given_ns_ = frame.time_ns;
   WatchJob job;
   job.frame = frame;
@@ -269,6 +277,7 @@ absl::StatusOr<TrackStep> SemiDirectTracker::Lost(const direct::Frame& frame, co
                                                   bool worth_a_look) {
   TrackStep step;
   step.reason = why;
+  lost_index_ = frame.index;
   const bool in_call = context_.options.relocalize_in_call || context_.options.deterministic;
   const bool look = worth_a_look && lost_.Lost(frame.time_ns);
   if (!context_.watch->Busy()) {  // what is looked for, or only whether the map has changed
@@ -296,6 +305,7 @@ absl::StatusOr<TrackStep> SemiDirectTracker::Lost(const direct::Frame& frame, co
   step.map_from_camera = sighting.place.map_from_camera;
   step.covariance = CovarianceOf(*anchor_, step.map_from_camera, {}, drift_);
   lost_.Found();
+  lost_index_ = frame.index - 1;
   return step;
 }
 
@@ -329,6 +339,7 @@ void SemiDirectTracker::BeginAt(const direct::Frame& frame, const Sighting& sigh
     scale_.Reset(follower_->DirectUnit());
   }
   begun_index_ = frame.index;
+  given_index_ = frame.index;
   last_ = begun;
   given_ns_ = posed_ns_.emplace(frame.time_ns);
   last_pose_ = sighting.place.map_from_camera;
