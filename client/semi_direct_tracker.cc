@@ -96,7 +96,7 @@ absl::StatusOr<TrackStep> SemiDirectTracker::Track(const direct::Frame& frame) {
   direct::FrameResult result;
   if (follower_ != nullptr) {
     absl::StatusOr<direct::FrameResult> tracked = follower_->Track(frame);
-    if (tracked.ok()) result = *std::move(tracked);
+    if (tracked.ok()) result = *tracked;
     why = tracked.ok() ? result.message : std::string(tracked.status().message());
     // A fresh one begins where the camera is found again.
     if (!tracked.ok() || follower_->ended()) follower_.reset();
