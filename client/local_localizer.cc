@@ -5,8 +5,7 @@
 #include <cmath>
 
 #include "base/guarded.h"
-#include "map/camera_identity.h"
-#include "map/lens.h"
+#include "client/query_image.h"
 
 namespace cairn::client {
 namespace {
@@ -39,16 +38,8 @@ api::LocalizeStage ToApi(tracking::RelocalizationStage stage) {
 }
 
 absl::Status CheckQuery(const api::LocalizeQuery& query) {
-  if (query.image.empty() || query.image.type() != CV_8UC1) {
-    return absl::InvalidArgumentError("localize: the image must be 8-bit grey (CV_8UC1) and not empty");
-  }
   CAIRN_RETURN_IF_ERROR(Annotate(query.camera.Validate(), "localize"));
-  if (query.image.cols != query.camera.width_px || query.image.rows != query.camera.height_px) {
-    return absl::InvalidArgumentError(absl::StrCat("localize: the image has ", query.image.cols, "x", query.image.rows,
-                                                   " pixels, its camera ", query.camera.width_px, "x",
-                                                   query.camera.height_px));
-  }
-  return absl::OkStatus();
+  return CheckImage(query.image, query.camera, "localize");
 }
 
 }  // namespace
@@ -62,40 +53,8 @@ absl::StatusOr<std::unique_ptr<LocalLocalizer>> LocalLocalizer::Open(const std::
                                                                      const LocalLocalizerOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   auto localizer = std::unique_ptr<LocalLocalizer>(new LocalLocalizer(options));
-  CAIRN_ASSIGN_OR_RETURN(localizer->file_, store::OpenMapStore(path, store::OpenMode::kRead));
-  const absl::StatusOr<std::string> bytes = localizer->file_->LoadVocabulary();
-  if (absl::IsNotFound(bytes.status())) {
-    return absl::FailedPreconditionError(
-        absl::StrCat(path, ": the map has no vocabulary, so that no place can be found in it"));
-  }
-  CAIRN_RETURN_IF_ERROR(bytes.status());
-  absl::StatusOr<place::Vocabulary> vocabulary = place::Vocabulary::Parse(*bytes);
-  CAIRN_RETURN_IF_ERROR(Annotate(vocabulary.status(), absl::StrCat(path, ": vocabulary")));
-  localizer->vocabulary_ = std::make_shared<const place::Vocabulary>(*std::move(vocabulary));
-  CAIRN_RETURN_IF_ERROR(localizer->Load());
+  CAIRN_ASSIGN_OR_RETURN(localizer->map_, MapReader::Open(path));
   return localizer;
-}
-
-absl::Status LocalLocalizer::Load() {
-  CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot());
-  auto view = tracking::MapView::Create(std::move(snapshot), vocabulary_);
-  CAIRN_RETURN_IF_ERROR(Annotate(view.status(), file_->uri()));
-  view_ = *std::move(view);
-  return absl::OkStatus();
-}
-
-absl::StatusOr<bool> LocalLocalizer::Refresh() {
-  CAIRN_ASSIGN_OR_RETURN(const Revision newest, file_->ReadRevision());
-  if (newest == view_->revision()) return false;
-  CAIRN_ASSIGN_OR_RETURN(const std::optional<map::Delta> delta, file_->ReadDelta(view_->map()));
-  if (!delta) {
-    CAIRN_RETURN_IF_ERROR(Load());
-    return true;
-  }
-  auto next = view_->After(*delta);
-  CAIRN_RETURN_IF_ERROR(Annotate(next.status(), file_->uri()));
-  view_ = *std::move(next);
-  return true;
 }
 
 std::shared_ptr<const image::Undistorter> LocalLocalizer::KnownUndistorter(const Camera& camera) {
@@ -139,20 +98,6 @@ void LocalLocalizer::FillPose(const tracking::Relocalization& found, api::Locali
       world_from_map ? world_from_map->TransformPose(answer->map_from_camera) : answer->map_from_camera;
 }
 
-// A camera that the map knows, by its calibration, and whose lens it has corrected: a query's is the same.
-api::LensUse LocalLocalizer::CorrectLens(const image::Undistorter& undistorter, image::Features* features) const {
-  api::LensUse use = api::LensUse::kNone;
-  for (const auto& [id, camera] : snapshot().cameras()) {
-    if (!camera.lens) continue;
-    use = api::LensUse::kOtherCalibration;
-    if (!map::SamePinhole(camera.pinhole, undistorter.pinhole())) continue;
-    if (!map::SameCalibration(camera.model, undistorter.camera())) continue;
-    map::CorrectKeypoints(camera, features->keypoints);
-    return api::LensUse::kCorrected;
-  }
-  return use;
-}
-
 absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Localize(const api::LocalizeQuery& query) {
   return Guarded([&] { return Locate(query); });
 }
@@ -169,12 +114,13 @@ absl::StatusOr<api::LocalizeAnswer> LocalLocalizer::Locate(const api::LocalizeQu
   CAIRN_ASSIGN_OR_RETURN(const cv::Mat image, undistorter->Undistort(query.image));
   const image::OrbExtractor extractor(snapshot().info().orb);
   CAIRN_ASSIGN_OR_RETURN(image::Features features, extractor.Extract(image, options_.num_features));
-  answer.lens = CorrectLens(*undistorter, &features);
+  answer.lens = CorrectLens(snapshot(), *undistorter, &features);
   answer.extract_ms = MillisecondsSince(start);
 
   const auto extracted = Clock::now();
-  CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
-                         relocalizer_.Relocalize(snapshot(), *view_->places(), undistorter->pinhole(), features));
+  CAIRN_ASSIGN_OR_RETURN(
+      const tracking::Relocalization found,
+      relocalizer_.Relocalize(snapshot(), *map_->view()->places(), undistorter->pinhole(), features));
   answer.locate_ms = MillisecondsSince(extracted);
   answer.localized = found.localized;
   answer.stage = ToApi(found.stage);

@@ -8,12 +8,10 @@
 #include <vector>
 
 #include "api/localizer.h"
+#include "client/map_reader.h"
 #include "image/orb_extractor.h"
 #include "image/undistort.h"
 #include "map/snapshot.h"
-#include "place/vocabulary.h"
-#include "store/map_store.h"
-#include "tracking/map_view.h"
 #include "tracking/relocalizer.h"
 
 namespace cairn::client {
@@ -38,26 +36,22 @@ class LocalLocalizer : public api::Localizer {
 
   // Goes on to a newer revision if a writer has made one; true if so. Reads what has changed, as long as that is known
   // (store::kMaxDeltaRevisions).
-  absl::StatusOr<bool> Refresh();
+  absl::StatusOr<bool> Refresh() { return map_->Refresh(); }
 
-  const map::Snapshot& snapshot() const { return view_->map(); }
+  const map::Snapshot& snapshot() const { return map_->view()->map(); }
 
  private:
   explicit LocalLocalizer(const LocalLocalizerOptions& options)
       : options_(options), relocalizer_(options.relocalizer) {}
 
-  absl::Status Load();
   absl::StatusOr<api::LocalizeAnswer> Locate(const api::LocalizeQuery& query);
   std::shared_ptr<const image::Undistorter> KnownUndistorter(const Camera& camera);  // null: not known
   absl::StatusOr<std::shared_ptr<const image::Undistorter>> UndistorterFor(const Camera& camera);
-  api::LensUse CorrectLens(const image::Undistorter& undistorter, image::Features* features) const;
   void FillPose(const tracking::Relocalization& found, api::LocalizeAnswer* answer) const;
 
   LocalLocalizerOptions options_;
   tracking::Relocalizer relocalizer_;
-  std::unique_ptr<store::MapStore> file_;
-  std::shared_ptr<const place::Vocabulary> vocabulary_;
-  std::shared_ptr<const tracking::MapView> view_;
+  std::unique_ptr<MapReader> map_;
 
   std::mutex mutex_;  // of the last cameras, most recent first: making undistortion maps takes longer than using them
   std::vector<std::shared_ptr<const image::Undistorter>> undistorters_;

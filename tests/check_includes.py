@@ -21,7 +21,7 @@ ALLOWED = {
     'io': ['map'],
     'api': ['map'],
     'engine': ['api', 'direct', 'mapping', 'store'],
-    'client': ['api', 'tracking', 'store'],
+    'client': ['api', 'direct', 'tracking', 'store'],
     'synth': ['io'],
     'eval': ['io'],
     'plot': ['io'],

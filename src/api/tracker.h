@@ -20,7 +20,7 @@ struct TrackFrame {
 };
 
 enum class TrackState {
-  kLocated,  // found in the map by this image alone
+  kLocated,  // found in the map by this image, not by following the one before
   kTracked,  // followed, and matched against the map
   kCarried,  // followed from where the map was last matched: the covariance grows until it is again
   kLost,     // no pose
@@ -47,6 +47,7 @@ struct TrackAnswer {
   Revision revision = 0;  // of the map that the pose is from
   TimeNs matched_ns = 0;  // time of the last frame that was matched against the map; 0: none yet
   int inliers = 0;        // points of the map matched in that frame
+  std::string note;       // what keeps the tracker from following the map (removed, damaged); it goes on without
   double track_ms = 0.0;  // time that the call took
 };
 

@@ -94,6 +94,7 @@ FrameResult Odometry::Impl::Result(std::size_t position) const {
 PoseHistory Odometry::Impl::Poses() const {
   constexpr std::size_t kPart = 2048;
   PoseHistory history;
+  if (!options_.keep_history) return history;
   for (bool consistent = false; !consistent;) {
     std::size_t count, keyframes;
     std::int64_t undone;
@@ -127,6 +128,7 @@ PoseHistory Odometry::Impl::Poses() const {
 }
 
 std::vector<KeyframePose> Odometry::Impl::KeyframeTrajectory() const {
+  if (!options_.keep_history) return {};
   std::lock_guard lock(mutex_);
   return poses_.keyframes();
 }
@@ -134,10 +136,17 @@ std::vector<KeyframePose> Odometry::Impl::KeyframeTrajectory() const {
 OdometryStatistics Odometry::Impl::Statistics() const {
   std::lock_guard lock(mutex_);
   OdometryStatistics statistics = statistics_;
-  statistics.frames = static_cast<std::int64_t>(poses_.frames().size());
-  statistics.keyframes = static_cast<std::int64_t>(poses_.keyframes().size());
+  statistics.frames = static_cast<std::int64_t>(poses_.end_position());
+  statistics.keyframes = poses_.next_keyframe();
   statistics.frames_tracked = poses_.CountTracked();
   return statistics;
+}
+
+std::optional<SE3> Odometry::Impl::Motion(const FrameResult& a, const FrameResult& b) const {
+  std::lock_guard lock(mutex_);
+  if (!poses_.KnowsKeyframe(a.keyframe) || !poses_.KnowsKeyframe(b.keyframe)) return std::nullopt;
+  if (poses_.keyframe(a.keyframe).segment != poses_.keyframe(b.keyframe).segment) return std::nullopt;
+  return poses_.DirectFromCamera(a).Inverse() * poses_.DirectFromCamera(b);
 }
 
 int Odometry::Impl::PendingFrames() const {
@@ -252,6 +261,10 @@ std::vector<KeyframePacket> Odometry::TakePackets() { return impl_->TakePackets(
 absl::StatusOr<KeyframePacket> Odometry::PacketOf(std::int64_t keyframe) const { return impl_->PacketOf(keyframe); }
 void Odometry::Finish() { impl_->Finish(); }
 absl::Status Odometry::GoOnFrom(KnownView view) { return impl_->GoOnFrom(std::move(view)); }
+absl::StatusOr<FrameResult> Odometry::BeginFrom(const Frame& frame, const KnownView& view) {
+  return impl_->BeginFrom(frame, view);
+}
+std::optional<SE3> Odometry::Motion(const FrameResult& a, const FrameResult& b) const { return impl_->Motion(a, b); }
 PoseHistory Odometry::Poses() const { return impl_->Poses(); }
 std::vector<KeyframePose> Odometry::KeyframeTrajectory() const { return impl_->KeyframeTrajectory(); }
 OdometryStatistics Odometry::Statistics() const { return impl_->Statistics(); }

@@ -12,6 +12,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -104,6 +105,19 @@ class Odometry {
   // without effect if a frame has been tracked meanwhile, or that frame is not kept any more. The caller's units have
   // no further use: as in any segment the median depth is 1. InvalidArgument for too few points, or bad depths.
   absl::Status GoOnFrom(KnownView view);
+
+  // Begins, or begins anew, at a frame of which somebody knows the depths of some points: it has a pose when this
+  // returns, in a segment of its own whose first keyframe it is, and its packet, which is there at once, says how long
+  // the caller's unit is in it. The frame must not have been given to Track(), view.frame_index is not used, and frames
+  // that wait for a pose are given up. Neither at the same time as Track() nor as OptimizeNext(). InvalidArgument as
+  // Track() and GoOnFrom(), and where too few of the points are inside the image: then there is no pose, and the
+  // odometry starts by motion.
+  absl::StatusOr<FrameResult> BeginFrom(const Frame& frame, const KnownView& view);
+
+  // a_from_b by the newest poses of the keyframes that the results refer to; nothing if one refers to none, or to one
+  // that has been forgotten (OdometryOptions::keep_history), or they are of two segments. O(1): what others found out
+  // about a frame can be carried on to later ones by it, whatever optimization has changed meanwhile.
+  std::optional<SE3> Motion(const FrameResult& a, const FrameResult& b) const;
 
   // Packets of the keyframes that left the window since the last call, in the order of leaving, and at once (and still
   // active) the first keyframe of a segment that began at a known view. None while a start may

@@ -49,12 +49,14 @@ class Odometry::Impl {
   FrameResult Result(std::size_t position) const;
   std::size_t FrameCount() const {
     std::lock_guard lock(mutex_);
-    return poses_.frames().size();
+    return poses_.end_position();
   }
   std::vector<KeyframePacket> TakePackets();
   absl::StatusOr<KeyframePacket> PacketOf(std::int64_t keyframe) const;
   void Finish();
   absl::Status GoOnFrom(KnownView view);
+  absl::StatusOr<FrameResult> BeginFrom(const Frame& frame, const KnownView& view);
+  std::optional<SE3> Motion(const FrameResult& a, const FrameResult& b) const;
   PoseHistory Poses() const;
   std::vector<KeyframePose> KeyframeTrajectory() const;
   OdometryStatistics Statistics() const;
@@ -180,6 +182,7 @@ class Odometry::Impl {
   // odometry_recovery.cc
   std::vector<RetainedFrame> WaitingFrames() const;
   void BeginAt(const KnownView& view);
+  void BeginSegmentAt(const RetainedFrame& here, std::span<const RetainedFrame> before, const SegmentNumbers& numbers);
   void TrackBackwards(std::span<const RetainedFrame> frames, const TrackingReference& reference);
   void RequeueLost();
 

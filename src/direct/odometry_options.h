@@ -67,6 +67,10 @@ struct OdometryOptions {
   // wait keeps ever fewer of them, evenly spread; the frames between get poses between.
   int max_retained_frames = 50;
 
+  // False, for an odometry that runs for days and of which only live poses are wanted: the poses of old frames and
+  // keyframes are forgotten, and Poses(), FrameResults() and KeyframeTrajectory() are empty.
+  bool keep_history = true;
+
   absl::Status Validate() const;
 };
 

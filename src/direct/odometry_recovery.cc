@@ -5,11 +5,14 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "base/status.h"
 #include "direct/odometry_impl.h"
 
 namespace cairn::direct {
 
-absl::Status Odometry::Impl::GoOnFrom(KnownView view) {
+namespace {
+
+absl::Status CheckView(const KnownView& view) {
   for (const PacketPoint& point : view.points) {
     if (!(point.inverse_depth > 0.0f) || !std::isfinite(point.inverse_depth)) {
       return absl::InvalidArgumentError("a known view needs points with positive, finite inverse depths");
@@ -19,12 +22,44 @@ absl::Status Odometry::Impl::GoOnFrom(KnownView view) {
     return absl::InvalidArgumentError(absl::StrCat("a known view needs at least ", FirstWindow::kMinKnownPoints,
                                                    " points, it has ", view.points.size()));
   }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status Odometry::Impl::GoOnFrom(KnownView view) {
+  CAIRN_RETURN_IF_ERROR(CheckView(view));
   std::lock_guard lock(mutex_);
   if (finished_) return absl::FailedPreconditionError("the odometry is finished");
   Job job;
   job.known = std::make_shared<const KnownView>(std::move(view));
   jobs_.push_back(std::move(job));
   return absl::OkStatus();
+}
+
+absl::StatusOr<FrameResult> Odometry::Impl::BeginFrom(const Frame& frame, const KnownView& view) {
+  CAIRN_RETURN_IF_ERROR(CheckFrame(frame));
+  CAIRN_RETURN_IF_ERROR(CheckView(view));
+  const std::lock_guard track_lock(track_mutex_);
+  FlushWindow();
+  retained_.ClearLost();
+  FrameResult result;
+  result.index = frame.index;
+  result.time_ns = frame.time_ns;
+  RetainedFrame here{frame, 0};
+  {
+    std::lock_guard lock(mutex_);
+    here.position = poses_.AddFrame(result);
+    jobs_.clear();
+    untracked_jobs_ = 0;
+    mode_ = Mode::kStarting;
+  }
+  const SegmentNumbers numbers = NextNumbers();
+  if (!first_window_.FromKnownView(frame, view, numbers)) {
+    return absl::InvalidArgumentError("too few points of the known view are inside the image");
+  }
+  BeginSegmentAt(here, {}, numbers);
+  return Result(here.position);
 }
 
 // The frames without a pose since the last tracked one, oldest first: kept already, or still queued. Empty if a
@@ -34,7 +69,7 @@ std::vector<RetainedFrame> Odometry::Impl::WaitingFrames() const {
   if (mode_ == Mode::kTracking && recent_.lost_frames == 0) return {};
   std::vector<RetainedFrame> waiting;
   for (const RetainedFrame& retained : retained_.Waiting()) {
-    if (poses_.frames()[retained.position].keyframe < 0) waiting.push_back(retained);
+    if (poses_.frame(retained.position).keyframe < 0) waiting.push_back(retained);
   }
   for (const Job& job : jobs_) {
     if (job.data) return {};
@@ -60,34 +95,39 @@ void Odometry::Impl::BeginAt(const KnownView& view) {
     untracked_jobs_ = 1;
     mode_ = Mode::kStarting;
   } else {
-    {
-      std::lock_guard lock(mutex_);
-      poses_.AddKeyframe({numbers.keyframe, numbers.segment, here->frame.index, here->frame.time_ns, SE3(), true});
-    }
-    const std::shared_ptr<const TrackingReference> reference = BuildReference(0);
-    SetReference(reference);
-    StoreRetracked(here->position, reference->keyframe, SE3(), 1.0);
-    recent_.BeginSegment();
-    TrackBackwards(std::vector<RetainedFrame>(waiting.begin(), here), *reference);
-    {
-      std::lock_guard lock(mutex_);
-      poses_.Interpolate(waiting.front().position, here->position);
-    }
-    recent_.light = reference->light;
+    BeginSegmentAt(*here, {waiting.begin(), here}, numbers);
     retained_.SetLost(here + 1, waiting.end());
     std::lock_guard lock(mutex_);
     jobs_.clear();
     untracked_jobs_ = 1;
-    mode_ = Mode::kTracking;
-    keyframe_queued_ = false;
-    keyframe_awaited_ = false;
-    start_message_.clear();
-    ++statistics_.segments;
-    ++statistics_.recoveries;
-    // Whoever knows the view can say at once where the segment is.
-    packets_.push_back(MakePacket(window_.keyframe(0), true));
   }
   RequeueLost();
+}
+
+// The window has its first keyframe, of a known view. The frames before it, newest last, get poses, too. track_mutex_
+// held.
+void Odometry::Impl::BeginSegmentAt(const RetainedFrame& here, std::span<const RetainedFrame> before,
+                                    const SegmentNumbers& numbers) {
+  {
+    std::lock_guard lock(mutex_);
+    poses_.AddKeyframe({numbers.keyframe, numbers.segment, here.frame.index, here.frame.time_ns, SE3(), true});
+  }
+  const std::shared_ptr<const TrackingReference> reference = BuildReference(0);
+  SetReference(reference);
+  StoreRetracked(here.position, reference->keyframe, SE3(), 1.0);
+  recent_.BeginSegment();
+  TrackBackwards(before, *reference);
+  recent_.light = reference->light;
+  std::lock_guard lock(mutex_);
+  if (!before.empty()) poses_.Interpolate(before.front().position, here.position);
+  mode_ = Mode::kTracking;
+  keyframe_queued_ = false;
+  keyframe_awaited_ = false;
+  start_message_.clear();
+  ++statistics_.segments;
+  ++statistics_.recoveries;
+  // Whoever knows the view can say at once where the segment is.
+  packets_.push_back(MakePacket(window_.keyframe(0), true));
 }
 
 // The frames since the last tracked one wait for the next start, before all that were handed over since.

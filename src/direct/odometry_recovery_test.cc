@@ -162,5 +162,44 @@ TEST(OdometryRecovery, ChangesNothingWhereItIsNotLostOrTheFrameIsUnknown) {
   EXPECT_EQ(odometry->GoOnFrom(ViewOf(27)).code(), absl::StatusCode::kFailedPrecondition);
 }
 
+TEST(OdometryRecovery, AFreshOdometryBeginsWhereItIsTold) {
+  const auto odometry = *Odometry::Create({}, testing::TestCamera());
+  const KnownView view = ViewOf(29);
+  const auto begun = odometry->BeginFrom(FrameAt(29), view);
+  ASSERT_TRUE(begun.ok()) << begun.status();
+  EXPECT_EQ(begun->keyframe, 0);
+  EXPECT_EQ(begun->segment, 0);
+  const std::vector<KeyframePacket> packets = odometry->TakePackets();
+  ASSERT_EQ(packets.size(), 1u);
+  EXPECT_EQ(packets[0].frame.index, 29);
+  for (int i = 30; i < 56; ++i) {
+    const auto result = odometry->Process(FrameAt(i));
+    ASSERT_TRUE(result.ok());
+    ASSERT_GE(result->keyframe, 0) << i;
+    const auto motion = odometry->Motion(*begun, *result);
+    ASSERT_TRUE(motion);
+    const SE3 truth = PoseAt(29).Inverse() * PoseAt(i);
+    EXPECT_LT(AngleRad((*motion * truth.Inverse()).rotation()), 0.01) << i;
+  }
+  EXPECT_FALSE(odometry->Motion(*begun, FrameResult()));
+}
+
+// Anew, elsewhere, while it still tracks.
+TEST(OdometryRecovery, BeginsAnewWhereItIsTold) {
+  const auto odometry = LostOdometry(24);
+  const auto begun = odometry->BeginFrom(FrameAt(29), ViewOf(29));
+  ASSERT_TRUE(begun.ok()) << begun.status();
+  EXPECT_EQ(begun->segment, 1);
+  const auto next = odometry->Process(FrameAt(30));
+  ASSERT_TRUE(next.ok());
+  EXPECT_EQ(next->segment, 1);
+  EXPECT_EQ(odometry->BeginFrom(FrameAt(30), ViewOf(30)).status().code(), absl::StatusCode::kInvalidArgument)
+      << "a frame that it has had";
+  KnownView few = ViewOf(31);
+  few.points.resize(3);
+  EXPECT_EQ(odometry->BeginFrom(FrameAt(31), few).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_GE(odometry->Process(FrameAt(31))->keyframe, 0) << "nothing has changed";
+}
+
 }  // namespace
 }  // namespace cairn::direct

@@ -150,7 +150,7 @@ std::vector<std::optional<SE3>> Odometry::Impl::PosesSinceReference() const {
   poses.reserve(retained_.start().size() - retained_.reference());
   std::lock_guard lock(mutex_);
   for (std::size_t i = retained_.reference(); i < retained_.start().size(); ++i) {
-    const FrameResult& result = poses_.frames()[retained_.start()[i].position];
+    const FrameResult& result = poses_.frame(retained_.start()[i].position);
     poses.push_back(result.keyframe < 0 ? std::nullopt : std::optional<SE3>(poses_.DirectFromCamera(result)));
   }
   return poses;

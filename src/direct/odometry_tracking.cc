@@ -31,6 +31,7 @@ absl::StatusOr<FrameResult> Odometry::Impl::Track(const Frame& frame) {
   bool starting;
   {
     std::lock_guard lock(mutex_);
+    if (!options_.keep_history) poses_.ForgetOld();
     position = poses_.AddFrame(result);
     starting = mode_ == Mode::kStarting || untracked_jobs_ > 0;
     if (starting) {

@@ -8,7 +8,7 @@ namespace cairn::direct {
 
 std::size_t PoseTable::AddFrame(const FrameResult& frame) {
   frames_.push_back(frame);
-  return frames_.size() - 1;
+  return end_position() - 1;
 }
 
 SE3 PoseTable::DirectFromCamera(const FrameResult& frame) const {
@@ -17,7 +17,7 @@ SE3 PoseTable::DirectFromCamera(const FrameResult& frame) const {
 }
 
 FrameResult PoseTable::Composed(std::size_t position) const {
-  FrameResult frame = frames_[position];
+  FrameResult frame = this->frame(position);
   frame.direct_from_camera = DirectFromCamera(frame);
   if (frame.keyframe >= 0) frame.segment = keyframe(frame.keyframe).segment;
   return frame;
@@ -37,7 +37,8 @@ PoseTable::TrackedPair PoseTable::LastTracked(std::int64_t segment) const {
 }
 
 std::int64_t PoseTable::CountTracked() const {
-  return std::count_if(frames_.begin(), frames_.end(), [](const FrameResult& frame) { return frame.keyframe >= 0; });
+  return forgotten_tracked_ +
+         std::count_if(frames_.begin(), frames_.end(), [](const FrameResult& frame) { return frame.keyframe >= 0; });
 }
 
 double PoseTable::KeyframeRateHz() const {
@@ -50,7 +51,7 @@ double PoseTable::KeyframeRateHz() const {
 }
 
 void PoseTable::SetPose(std::size_t position, std::int64_t keyframe, const SE3& keyframe_from_camera, double quality) {
-  FrameResult& frame = frames_[position];
+  FrameResult& frame = this->frame(position);
   frame.keyframe = keyframe;
   frame.keyframe_from_camera = keyframe_from_camera;
   frame.direct_from_camera = DirectFromCamera(frame);
@@ -62,19 +63,19 @@ void PoseTable::SetPose(std::size_t position, std::int64_t keyframe, const SE3& 
 void PoseTable::Interpolate(std::size_t first, std::size_t last) {
   std::size_t before = first;
   for (std::size_t after = first; after <= last; ++after) {
-    if (frames_[after].keyframe < 0) continue;
-    const FrameResult &from = frames_[before], &to = frames_[after];
+    if (frame(after).keyframe < 0) continue;
+    const FrameResult &from = frame(before), &to = frame(after);
     const double step_s = ToSeconds(to.time_ns - from.time_ns);
     for (std::size_t i = before + 1; from.keyframe >= 0 && step_s > 0.0 && i < after; ++i) {
-      FrameResult& frame = frames_[i];
-      const double share = ToSeconds(frame.time_ns - from.time_ns) / step_s;
+      FrameResult& between = frame(i);
+      const double share = ToSeconds(between.time_ns - from.time_ns) / step_s;
       const SE3 pose = Between(DirectFromCamera(from), DirectFromCamera(to), share);
-      frame.keyframe = to.keyframe;
-      frame.keyframe_from_camera = keyframe(to.keyframe).direct_from_camera.Inverse() * pose;
-      frame.direct_from_camera = pose;
-      frame.quality = kInterpolatedQuality;
-      frame.state = StateOf(kInterpolatedQuality);
-      frame.message = "between its neighbours: its image was dropped during a long wait for the start";
+      between.keyframe = to.keyframe;
+      between.keyframe_from_camera = keyframe(to.keyframe).direct_from_camera.Inverse() * pose;
+      between.direct_from_camera = pose;
+      between.quality = kInterpolatedQuality;
+      between.state = StateOf(kInterpolatedQuality);
+      between.message = "between its neighbours: its image was dropped during a long wait for the start";
     }
     before = after;
   }
@@ -82,12 +83,29 @@ void PoseTable::Interpolate(std::size_t first, std::size_t last) {
 
 void PoseTable::Forget(std::int64_t segment, std::size_t first) {
   std::erase_if(keyframes_, [&](const KeyframePose& keyframe) { return keyframe.segment == segment; });
-  for (std::size_t i = first; i < frames_.size(); ++i) {
+  for (std::size_t i = first; i < end_position(); ++i) {
     FrameResult fresh;
-    fresh.index = frames_[i].index;
-    fresh.time_ns = frames_[i].time_ns;
-    frames_[i] = fresh;
+    fresh.index = frame(i).index;
+    fresh.time_ns = frame(i).time_ns;
+    frame(i) = fresh;
   }
+}
+
+void PoseTable::ForgetOld() {
+  if (frames_.size() < 2 * kKept) return;
+  const auto kept = frames_.end() - static_cast<std::ptrdiff_t>(kKept);
+  const auto tracked = [](const FrameResult& frame) { return frame.keyframe >= 0; };
+  forgotten_tracked_ += std::count_if(frames_.begin(), kept, tracked);
+  first_position_ += static_cast<std::size_t>(kept - frames_.begin());
+  frames_.erase(frames_.begin(), kept);
+  std::int64_t needed = next_keyframe() - static_cast<std::int64_t>(kKept);
+  for (const FrameResult& frame : frames_) {
+    if (tracked(frame)) needed = std::min(needed, frame.keyframe);
+  }
+  auto first = keyframes_.begin();
+  while (first != keyframes_.end() && first->keyframe < needed && !first->still_active) ++first;
+  first_keyframe_ += first - keyframes_.begin();
+  keyframes_.erase(keyframes_.begin(), first);
 }
 
 }  // namespace cairn::direct

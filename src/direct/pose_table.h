@@ -3,6 +3,8 @@
 //
 // Read by whoever asks for poses while frames are tracked and keyframes optimized, and without a lock of its own: the
 // odometry holds Odometry::Impl::mutex_ for every call.
+//
+// It grows with the run, unless ForgetOld() is called: then it holds the newest frames and what they refer to.
 #pragma once
 
 #include <cstddef>
@@ -22,13 +24,19 @@ inline TrackingState StateOf(double quality) {
 
 class PoseTable {
  public:
-  // Frames by their position: the order in which they came. Keyframes by their number.
+  // Frames by their position: the order in which they came. Keyframes by their number. Those that are kept.
   const std::vector<FrameResult>& frames() const { return frames_; }
-  FrameResult& frame(std::size_t position) { return frames_[position]; }
+  FrameResult& frame(std::size_t position) { return frames_[position - first_position_]; }
+  const FrameResult& frame(std::size_t position) const { return frames_[position - first_position_]; }
   const std::vector<KeyframePose>& keyframes() const { return keyframes_; }
-  KeyframePose& keyframe(std::int64_t id) { return keyframes_[static_cast<std::size_t>(id)]; }
-  const KeyframePose& keyframe(std::int64_t id) const { return keyframes_[static_cast<std::size_t>(id)]; }
-  std::int64_t next_keyframe() const { return static_cast<std::int64_t>(keyframes_.size()); }
+  KeyframePose& keyframe(std::int64_t id) { return keyframes_[static_cast<std::size_t>(id - first_keyframe_)]; }
+  const KeyframePose& keyframe(std::int64_t id) const {
+    return keyframes_[static_cast<std::size_t>(id - first_keyframe_)];
+  }
+  // One past the last; what was forgotten is counted.
+  std::size_t end_position() const { return first_position_ + frames_.size(); }
+  std::int64_t next_keyframe() const { return first_keyframe_ + static_cast<std::int64_t>(keyframes_.size()); }
+  bool KnowsKeyframe(std::int64_t id) const { return id >= first_keyframe_ && id < next_keyframe(); }
 
   // Returns its position.
   std::size_t AddFrame(const FrameResult& frame);
@@ -55,10 +63,17 @@ class PoseTable {
   void Interpolate(std::size_t first, std::size_t last);
   // The keyframes of the newest segment, and all that is known of the frames from a position on.
   void Forget(std::int64_t segment, std::size_t first);
+  // Once there are twice kKept frames, all but the newest kKept, and the keyframes that no kept frame hangs on and that
+  // are in no window any more. What waits for a pose is far newer (RetainedFrames). O(1) per frame.
+  static constexpr std::size_t kKept = 2048;
+  void ForgetOld();
 
  private:
   std::vector<FrameResult> frames_;
   std::vector<KeyframePose> keyframes_;
+  std::size_t first_position_ = 0;      // of frames_
+  std::int64_t first_keyframe_ = 0;     // of keyframes_
+  std::int64_t forgotten_tracked_ = 0;  // frames with a pose
 };
 
 }  // namespace cairn::direct

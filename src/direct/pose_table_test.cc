@@ -81,5 +81,31 @@ TEST(PoseTable, KeyframeRateIsOfTheNewestSegment) {
   EXPECT_NEAR(table.KeyframeRateHz(), 5.0, 1e-9);
 }
 
+TEST(PoseTable, ForgetsWhatNothingHangsOn) {
+  PoseTable table;
+  std::size_t most = 0;
+  constexpr std::size_t kFrames = 5 * PoseTable::kKept;
+  for (std::size_t i = 0; i < kFrames; ++i) {
+    table.ForgetOld();
+    const std::size_t position = table.AddFrame({});
+    ASSERT_EQ(position, i);
+    // The first one stays in the window for half of the time.
+    if (i == kFrames / 2) table.keyframe(0).still_active = false;
+    if (i % 2 == 0) {
+      const std::int64_t id = table.next_keyframe();
+      table.AddKeyframe({id, 0, static_cast<std::int64_t>(i), 0, At(static_cast<double>(i)), i == 0});
+    }
+    table.SetPose(position, table.next_keyframe() - 1, SE3(), 1.0);
+    most = std::max({most, table.frames().size(), table.keyframes().size() * (i > kFrames / 2 + 2 * PoseTable::kKept)});
+    EXPECT_EQ(table.DirectFromCamera(table.frame(position)).translation().x(), static_cast<double>(i - i % 2));
+    EXPECT_TRUE(i >= kFrames / 2 || table.KnowsKeyframe(0));
+  }
+  EXPECT_LE(most, 2 * PoseTable::kKept);
+  EXPECT_FALSE(table.KnowsKeyframe(0));
+  EXPECT_FALSE(table.KnowsKeyframe(table.next_keyframe()));
+  EXPECT_EQ(table.end_position(), kFrames);
+  EXPECT_EQ(table.CountTracked(), static_cast<std::int64_t>(kFrames));
+}
+
 }  // namespace
 }  // namespace cairn::direct

@@ -15,9 +15,9 @@
 #include "mapping/feature_mapper.h"
 #include "mapping/keypoint_depth.h"
 #include "mapping/local_mapper.h"
-#include "mapping/relative_scale.h"
 #include "mapping/view_record.h"
 #include "tracking/local_map_tracker.h"
+#include "tracking/relative_scale.h"
 #include "tracking/relocalizer.h"
 
 namespace cairn::mapping {
@@ -99,7 +99,7 @@ class FeatureMapper::Impl {
   void Reattach(KeyframeId gone, const map::Snapshot& before, const map::Snapshot& after);
   double UpdateScale(const Current& current);
   std::vector<double> DepthRatios(const Current& current, std::size_t min_observations) const;
-  std::optional<ScaleMeasurement> MeasureCentres(const Current& current) const;
+  std::optional<tracking::ScaleMeasurement> MeasureCentres(const Current& current) const;
   void Remember(const SE3& camera_from_map, KeyframeId reference, Current* current);
   void Record(const Current& current, bool refined, double map_per_direct);
   void OnCull(const map::Edit& edit, const map::Keyframe& culled, const map::Keyframe& heir);
@@ -118,7 +118,7 @@ class FeatureMapper::Impl {
   const tracking::Relocalizer relocalizer_;
   ComponentId component_;  // keyframes go there; none: the next one begins it
   LocalMapper mapper_;
-  RelativeScale scale_;
+  tracking::RelativeScale scale_;
   KeyframeTrajectory trajectory_;
   std::vector<ViewRecord> views_;  // per trajectory entry; empty for keyframes in the map
 

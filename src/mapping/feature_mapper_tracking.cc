@@ -140,7 +140,7 @@ bool FeatureMapper::Impl::MayGoOnAt(KeyframeId place, const direct::KeyframePack
       .contains(place);
 }
 
-std::optional<ScaleMeasurement> FeatureMapper::Impl::MeasureCentres(const Current& current) const {
+std::optional<tracking::ScaleMeasurement> FeatureMapper::Impl::MeasureCentres(const Current& current) const {
   std::vector<Vector3d> map_centres, direct_centres;
   const auto& entries = trajectory_.entries();
   const std::size_t window = 30;
@@ -153,7 +153,7 @@ std::optional<ScaleMeasurement> FeatureMapper::Impl::MeasureCentres(const Curren
   }
   map_centres.push_back(current.tracked.camera_from_map.Inverse().translation());
   direct_centres.push_back(current.packet.direct_from_camera.translation());
-  return ScaleFromCentres(map_centres, direct_centres);
+  return tracking::ScaleFromCentres(map_centres, direct_centres);
 }
 
 // Depth in the map over depth in the direct world, of the features that have both.
@@ -172,7 +172,7 @@ std::vector<double> FeatureMapper::Impl::DepthRatios(const Current& current, std
 // The scale measured at this keyframe itself, or the running one.
 double FeatureMapper::Impl::UpdateScale(const Current& current) {
   // A point of few observations may still have its depth from the direct module itself, of this segment's world or not.
-  const auto from_depths = ScaleFromDepths(DepthRatios(current, 3));
+  const auto from_depths = tracking::ScaleFromDepths(DepthRatios(current, 3));
   since_depths_ = from_depths ? 0 : since_depths_ + 1;
   // The alignment lags behind: only where depths have been missing for long.
   const bool align = since_depths_ > kTrustDepths || scale_.relative_sigma() == 0.0;

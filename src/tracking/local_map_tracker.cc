@@ -46,6 +46,8 @@ std::vector<const map::MapPoint*> LocalPoints(const map::Snapshot& map, std::spa
 struct Round {
   bool ok = false;
   SE3 camera_from_map;
+  Matrix6d covariance = Matrix6d::Zero();
+  double residual_rms = 0.0;
   std::vector<PointMatch> inliers;
   std::vector<std::uint32_t> visible;
   int matches = 0;
@@ -69,6 +71,8 @@ Round MatchAndRefine(const FeatureView& view, const SE3& seed, std::span<const m
   if (!refined.ok()) return round;
   round.ok = true;
   round.camera_from_map = refined->camera_from_map;
+  round.covariance = refined->covariance;
+  round.residual_rms = std::sqrt(refined->chi2 / (2.0 * refined->num_inliers));
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (refined->inlier[i]) round.inliers.push_back(matched.matches[i]);
   }
@@ -175,6 +179,8 @@ TrackedView TrackLocalMap(const map::Snapshot& map, const FeatureView& view, con
 
   result.tracked = true;
   result.camera_from_map = round.camera_from_map;
+  result.covariance = round.covariance;
+  result.residual_rms = round.residual_rms;
   for (const auto& match : round.inliers) result.points[match.feature] = points[match.point]->id;
   for (const std::uint32_t index : round.visible) result.visible.push_back(points[index]->id);
   result.reference = MostSharing(points, round.inliers);

@@ -51,11 +51,17 @@ struct LocalMapStart {
 struct TrackedView {
   bool tracked = false;  // enough inliers; otherwise the pose is the seed
   SE3 camera_from_map;
+  // Of (translation, rotation) as a left increment of camera_from_map, map units and radians, with what the seed's
+  // sigmas say; of the refinement only: that the map's points err together is not in it.
+  Matrix6d covariance = Matrix6d::Zero();
   std::vector<PointId> points;     // per feature: the point it observes (inliers only), or none
   std::vector<PointId> visible;    // points that should be seen, ascending; the inliers are among them
   KeyframeId reference;            // that shares most of the inliers
   std::vector<KeyframeId> nearby;  // by pose only, nearest first
   double median_depth = 0.0;       // z of the inliers in the camera, map units
+  // Root mean square of the inliers' residuals, per coordinate, in units of their keypoints' size: how well image and
+  // map agree.
+  double residual_rms = 0.0;
   int matches = 0;
   int inliers = 0;
 };

@@ -22,6 +22,7 @@ using Action = std::function<int()>;
 
 void AddRunCommand(CLI::App& app, Action* action);
 void AddLocalizeCommand(CLI::App& app, Action* action);
+void AddTrackCommand(CLI::App& app, Action* action);
 void AddInfoCommand(CLI::App& app, Action* action);
 void AddAlignCommand(CLI::App& app, Action* action);
 void AddLogCommand(CLI::App& app, Action* action);

@@ -284,10 +284,11 @@ absl::StatusOr<int> Localize(const LocalizeOptions& options) {
                                                    ": name a photo or a sequence's folder"));
   }
   if (folder && !options.independent) {
-    return FailUsage("localize",
-                     "give --independent: each image is located on its own; tracking from image to image against a "
-                     "fixed map is not part of this version",
-                     options.json);
+    return FailUsage(
+        "localize",
+        "give --independent: each image is located on its own; `cairn track` follows a camera from image to "
+        "image",
+        options.json);
   }
   std::vector<std::string> inputs = InputFiles(options.input);
   inputs.push_back(options.map);

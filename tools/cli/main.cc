@@ -100,6 +100,7 @@ int ParseAndRun(Call* call) {
   Action action;
   AddRunCommand(app, &action);
   AddLocalizeCommand(app, &action);
+  AddTrackCommand(app, &action);
   AddInfoCommand(app, &action);
   AddAlignCommand(app, &action);
   AddLogCommand(app, &action);

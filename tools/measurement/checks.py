@@ -92,6 +92,45 @@ SPOILED_CHECKS += [
     ('  ATE, worst', 'm', '<=', None, '', lambda w: w.carried_away('--realtime')['ate']),
 ]
 
+# Following a camera in a map of redkitchen's first 20 s that is not touched.
+LIVE = ('--realtime',)
+FEATURES = ('--mode', 'features')
+CHECKS += [
+    ('redkitchen t >= 20 s tracked as a live camera: frames with a pose', '%', '>=', 100, 'stella 100',
+     lambda w: 100 * w.kitchen_tracked(*LIVE)['posed']),
+    ('  RMSE aligned by itself', 'm', '<=', 0.006, 'stella 0.0098 to 0.0126',
+     lambda w: w.kitchen_tracked(*LIVE)['ate']),
+    ('  median error aligned by the map', 'm', '<=', 0.015, 'stella 0.019 to 0.027',
+     lambda w: w.kitchen_tracked(*LIVE)['median']),
+    ('  time of a call, median', 'ms', '<=', 0.8, 'stella 5.0, ORB-SLAM2 12.4',
+     lambda w: w.kitchen_tracked(*LIVE)['p50_ms']),
+    ('  time of a call, p99', 'ms', '<=', 6, '', lambda w: w.kitchen_tracked(*LIVE)['p99_ms']),
+    ('  processor time per second of video, reading the images included', 's', '<=', 0.2, 'stella 0.15 to 0.19',
+     lambda w: w.kitchen_tracked(*LIVE)['cpu']),
+    ('  normalized error squared of positions, over its degrees of freedom', '', '<=', 2, '',
+     lambda w: w.kitchen_tracked(*LIVE)['nees']),
+    ('  of orientations', '', '<=', 2, '', lambda w: w.kitchen_tracked(*LIVE)['nees_rotation']),
+    ('  poses worse than 0.2 m / 10 deg', '', '<=', 0, '', lambda w: w.kitchen_tracked(*LIVE)['wrong']),
+    ('  map digest as before', '', '>=', 1, '', lambda w: w.kitchen_tracked(*LIVE)['same']),
+    ('the same as fast as it goes: frames with a pose', '%', '>=', 100, 'stella 100',
+     lambda w: 100 * w.kitchen_tracked()['posed']),
+    ('  RMSE aligned by itself', 'm', '<=', 0.006, '', lambda w: w.kitchen_tracked()['ate']),
+    ('  time of a call, median', 'ms', '<=', 0.8, '', lambda w: w.kitchen_tracked()['p50_ms']),
+    ('the same by features only: frames with a pose', '%', '>=', 100, 'stella 100',
+     lambda w: 100 * w.kitchen_tracked(*FEATURES)['posed']),
+    ('  RMSE aligned by itself', 'm', '<=', 0.006, '', lambda w: w.kitchen_tracked(*FEATURES)['ate']),
+    ('  time of a call, median', 'ms', '<=', 4.5, 'stella 5.0', lambda w: w.kitchen_tracked(*FEATURES)['p50_ms']),
+    *[check for mode, name in (((), 'semi-direct'), (FEATURES, 'features only')) for check in (
+        (f'redkitchen with 3 black images every 20, {name}: pose in the first after them, covered', '%', '>=', 100,
+         'stella 7 of 8', lambda w, mode=mode: 100 * w.kitchen_blinded(*mode)['first_covered']),
+        ('  others', '%', '>=', 60, 'stella 1 to 2 of 10', lambda w, mode=mode: 100 * w.kitchen_blinded(*mode)['first_others']),
+        ('  images with a pose, covered', '%', '>=', 100, 'stella 99', lambda w, mode=mode: 100 * w.kitchen_blinded(*mode)['covered']),
+        ('  others', '%', '>=', 95, 'stella 14 to 23', lambda w, mode=mode: 100 * w.kitchen_blinded(*mode)['others']),
+        ('  carried ones off by more than 0.05 m / 3 deg', '', '<=', 0, '',
+         lambda w, mode=mode: w.kitchen_blinded(*mode)['carried_off']),
+        ('  poses worse than 0.2 m / 10 deg', '', '<=', 0, '', lambda w, mode=mode: w.kitchen_blinded(*mode)['wrong']))],
+]
+
 # The same for rendered worlds, over --seeds.
 WORLD_CHECKS = [
     *[check for kind, name in (('office', 'rendered rooms'), ('plain', 'rendered rooms with 30 % blank walls'),
@@ -129,6 +168,13 @@ WORLD_CHECKS = [
     ('  loop found', '% seeds', '>=', 100, '', lambda w: 100 * w.loops('corridor')['closed']),
     ('  loop where there is none', '% seeds', '<=', 0, '', lambda w: 100 - 100 * w.loops('corridor')['without_false']),
     ('  scale drift from start to end, worst seed', '%', '<=', 1, '', lambda w: 100 * w.loops('corridor')['drift']),
+    ('rendered rooms tracked in the map of another visit, two cameras: frames with a pose, worst', '%', '>=', 99, '',
+     lambda w: 100 * w.office_tracked()['posed']),
+    ('  median error aligned by the map, worst', 'm', '<=', None, '', lambda w: w.office_tracked()['median']),
+    ('  poses worse than 0.2 m / 10 deg', '', '<=', 0, '', lambda w: w.office_tracked()['wrong']),
+    ('  normalized error squared of positions, over its degrees of freedom', '', '<=', 2, '',
+     lambda w: w.office_tracked()['nees']),
+    ('  of orientations', '', '<=', 2, '', lambda w: w.office_tracked()['nees_rotation']),
     ('two corridors that look alike: no false loop', '% seeds', '>=', 100, '',
      lambda w: 100 * w.loops('aliasing')['without_false']),
     ('  ATE, worst seed', 'm', '<=', None, '', lambda w: w.loops('aliasing')['worst']),

@@ -16,7 +16,7 @@
 #include "base/status.h"
 #include "geometry/se3.h"
 
-namespace cairn::mapping {
+namespace cairn::tracking {
 
 struct RelativeScaleOptions {
   int min_window = 10;               // keyframes from which the alignment is used
@@ -69,4 +69,4 @@ class RelativeScale {
   bool known_ = true;
 };
 
-}  // namespace cairn::mapping
+}  // namespace cairn::tracking

@@ -1,4 +1,4 @@
-#include "mapping/relative_scale.h"
+#include "tracking/relative_scale.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include "base/median.h"
 #include "geometry/alignment.h"
 
-namespace cairn::mapping {
+namespace cairn::tracking {
 absl::Status RelativeScaleOptions::Validate() const {
   const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("relative scale: ", what)); };
   if (min_window < 4 || max_window < min_window) return bad("windows must satisfy 4 <= min_window <= max_window");
@@ -76,4 +76,4 @@ void RelativeScale::Forget() {
   known_ = false;
 }
 
-}  // namespace cairn::mapping
+}  // namespace cairn::tracking

@@ -1,0 +1,91 @@
+#include "client/local_tracker.h"
+
+#include <chrono>
+#include <utility>
+
+#include "base/guarded.h"
+#include "client/query_image.h"
+
+namespace cairn::client {
+
+absl::Status LocalTrackerOptions::Validate() const {
+  const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("tracker: ", what)); };
+  if (!(match_interval_s >= 0.0)) return bad("match_interval_s must not be negative");
+  if (!(max_match_age_s > 0.0)) return bad("max_match_age_s must be positive");
+  if (!(refresh_interval_s >= 0.0)) return bad("refresh_interval_s must not be negative");
+  CAIRN_RETURN_IF_ERROR(matching.Validate());
+  CAIRN_RETURN_IF_ERROR(drift.Validate());
+  return odometry.Validate();
+}
+
+absl::StatusOr<std::unique_ptr<LocalTracker>> LocalTracker::Open(const std::string& path, const Camera& camera,
+                                                                 const LocalTrackerOptions& options) {
+  return Guarded([&]() -> absl::StatusOr<std::unique_ptr<LocalTracker>> {
+    CAIRN_RETURN_IF_ERROR(options.Validate());
+    CAIRN_RETURN_IF_ERROR(Annotate(camera.Validate(), "track"));
+    CAIRN_ASSIGN_OR_RETURN(image::Undistorter undistorter, image::Undistorter::Create(camera));
+    // The odometry says what it thinks of the camera before the map is loaded.
+    CAIRN_RETURN_IF_ERROR(direct::Odometry::Create(options.odometry, undistorter.pinhole()).status());
+    CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<MapReader> reader, MapReader::Open(path));
+    auto context = std::make_unique<TrackerContext>();
+    context->options = options;
+    context->pinhole = undistorter.pinhole();
+    context->matcher =
+        std::make_shared<const MapMatcher>(options.matching, std::make_shared<const image::Undistorter>(undistorter));
+    context->view = reader->view();
+    MapWatchOptions watch;
+    watch.in_background = !options.deterministic;
+    watch.refresh_interval_s = options.deterministic ? 0.0 : options.refresh_interval_s;
+    CAIRN_ASSIGN_OR_RETURN(context->watch,
+                           MapWatch::Start(std::move(reader), context->matcher, context->pinhole, watch));
+    std::unique_ptr<FrameTracker> tracker =
+        options.mode == TrackMode::kFeatures ? MakeFeatureTracker(context.get()) : MakeSemiDirectTracker(context.get());
+    return std::unique_ptr<LocalTracker>(
+        new LocalTracker(std::move(undistorter), std::move(context), std::move(tracker)));
+  });
+}
+
+absl::StatusOr<api::TrackAnswer> LocalTracker::Track(const api::TrackFrame& frame) {
+  return Guarded([&] { return Follow(frame); });
+}
+
+absl::StatusOr<api::TrackAnswer> LocalTracker::Follow(const api::TrackFrame& frame) {
+  const auto start = std::chrono::steady_clock::now();
+  CAIRN_RETURN_IF_ERROR(CheckImage(frame.image, undistorter_.camera(), "track"));
+  CAIRN_RETURN_IF_ERROR(Annotate(times_.Accept(frame.time_ns), "track"));
+  direct::Frame prepared;
+  prepared.index = next_index_++;
+  prepared.time_ns = frame.time_ns;
+  CAIRN_ASSIGN_OR_RETURN(prepared.image, undistorter_.Undistort(frame.image));
+  if (undistorter_.identity()) prepared.image = prepared.image.clone();  // kept for longer than the caller keeps his
+  CAIRN_ASSIGN_OR_RETURN(const TrackStep step, tracker_->Track(prepared));
+  api::TrackAnswer answer;
+  answer.time_ns = frame.time_ns;
+  Fill(step, &answer);
+  answer.track_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return answer;
+}
+
+void LocalTracker::Fill(const TrackStep& step, api::TrackAnswer* answer) const {
+  const map::Snapshot& map = context_->view->map();
+  answer->state = step.state;
+  answer->reason = step.reason;
+  answer->map_id = map.info().id;
+  answer->revision = map.revision();
+  if (!tracker_->following().ok()) answer->note = std::string(tracker_->following().message());
+  if (const Anchor* anchor = tracker_->anchor(); anchor != nullptr) {
+    answer->matched_ns = anchor->time_ns;
+    answer->inliers = anchor->inliers;
+  }
+  if (step.state == api::TrackState::kLost) return;
+  answer->component = step.component;
+  answer->map_from_camera = answer->world_from_camera = step.map_from_camera;
+  answer->covariance = step.covariance;
+  const auto& world_from_map = map.WorldFrom(step.component);
+  answer->world_is_metric = world_from_map.has_value();
+  if (!world_from_map) return;
+  answer->world_per_map = world_from_map->scale();
+  answer->world_from_camera = world_from_map->TransformPose(step.map_from_camera);
+}
+
+}  // namespace cairn::client
