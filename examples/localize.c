@@ -30,6 +30,7 @@ int main(int argc, char** argv) {
   cairn_error error = {sizeof error};
   cairn_camera camera = {sizeof camera};
   cairn_image image = {sizeof image};
+  cairn_localize_query query = {sizeof query};
   cairn_localize_answer answer = {sizeof answer};
   cairn_call_options call = {sizeof call};
   cairn_map* map = NULL;
@@ -41,13 +42,15 @@ int main(int argc, char** argv) {
     return 2;
   }
   pixels = ReadPgm(argv[2], &image);
+  query.image = &image;
+  query.camera = &camera;
   call.timeout_ns = 10000000000; /* 10 s */
   if (pixels == NULL) {
     fprintf(stderr, "localize: %s: no 8-bit PGM image can be read from it\n", argv[2]);
   } else if (cairn_map_open(argv[1], NULL, NULL, &map, &error) != CAIRN_OK ||
              cairn_map_get_camera(map, 0, &camera, &error) != CAIRN_OK ||
              cairn_localizer_new(map, &localizer, &error) != CAIRN_OK ||
-             cairn_localizer_localize(localizer, &image, &camera, &call, &answer, &error) != CAIRN_OK) {
+             cairn_localizer_localize(localizer, &query, &call, &answer, &error) != CAIRN_OK) {
     fprintf(stderr, "localize: %s: %s\n", cairn_code_name(error.code), error.message);
   } else if (answer.localized) {
     const double* at = answer.world_from_camera.translation;

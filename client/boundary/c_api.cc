@@ -35,9 +35,16 @@ absl::Status NullHandle(const char* what) {
   return absl::InvalidArgumentError(absl::StrCat(what, " must not be NULL"));
 }
 
+absl::Status CheckIndex(std::int32_t index, std::size_t count, const char* what) {
+  if (index >= 0 && static_cast<std::size_t>(index) < count) return absl::OkStatus();
+  return absl::OutOfRangeError(
+      absl::StrCat("there is no ", what, " ", index, ": the map has ", count, " of them, from 0"));
+}
+
 }  // namespace
 }  // namespace cairn::client
 
+using cairn::client::CheckIndex;
 using cairn::client::CheckOutput;
 using cairn::client::NullHandle;
 using cairn::client::Run;
@@ -101,11 +108,20 @@ cairn_code cairn_map_get_camera(const cairn_map* map, int32_t index, cairn_camer
     if (map == nullptr) return NullHandle("map");
     CAIRN_RETURN_IF_ERROR(CheckOutput(camera, "cairn_camera"));
     CAIRN_ASSIGN_OR_RETURN(const auto info, map->map.Info());
-    if (index < 0 || static_cast<std::size_t>(index) >= info.cameras.size()) {
-      return absl::OutOfRangeError(
-          absl::StrCat("there is no camera ", index, ": the map has ", info.cameras.size(), " of them, from 0"));
-    }
+    CAIRN_RETURN_IF_ERROR(CheckIndex(index, info.cameras.size(), "camera"));
     WriteStruct(cairn::client::ToC(info.cameras[static_cast<std::size_t>(index)].camera), camera);
+    return absl::OkStatus();
+  });
+}
+
+cairn_code cairn_map_get_component(const cairn_map* map, int32_t index, cairn_component* component,
+                                   cairn_error* error) {
+  return Run(error, [&]() -> absl::Status {
+    if (map == nullptr) return NullHandle("map");
+    CAIRN_RETURN_IF_ERROR(CheckOutput(component, "cairn_component"));
+    CAIRN_ASSIGN_OR_RETURN(const auto info, map->map.Info());
+    CAIRN_RETURN_IF_ERROR(CheckIndex(index, info.components.size(), "component"));
+    WriteStruct(cairn::client::ToC(info.components[static_cast<std::size_t>(index)]), component);
     return absl::OkStatus();
   });
 }
@@ -133,17 +149,14 @@ cairn_code cairn_localizer_new(const cairn_map* map, cairn_localizer** localizer
 
 void cairn_localizer_free(cairn_localizer* localizer) { delete localizer; }
 
-cairn_code cairn_localizer_localize(const cairn_localizer* localizer, const cairn_image* image,
-                                    const cairn_camera* camera, const cairn_call_options* call,
-                                    cairn_localize_answer* answer, cairn_error* error) {
+cairn_code cairn_localizer_localize(const cairn_localizer* localizer, const cairn_localize_query* query,
+                                    const cairn_call_options* call, cairn_localize_answer* answer, cairn_error* error) {
   return Run(error, [&]() -> absl::Status {
     if (localizer == nullptr) return NullHandle("localizer");
     CAIRN_RETURN_IF_ERROR(CheckOutput(answer, "cairn_localize_answer"));
-    cairn::v0::LocalizeQuery query;
-    CAIRN_ASSIGN_OR_RETURN(query.image, cairn::client::ReadImage(image));
-    CAIRN_ASSIGN_OR_RETURN(query.camera, cairn::client::ReadCamera(camera));
+    CAIRN_ASSIGN_OR_RETURN(const auto known, cairn::client::ReadQuery(query));
     CAIRN_ASSIGN_OR_RETURN(const auto call_options, cairn::client::ReadCall(call));
-    CAIRN_ASSIGN_OR_RETURN(const auto found, localizer->localizer.Localize(query, call_options));
+    CAIRN_ASSIGN_OR_RETURN(const auto found, localizer->localizer.Localize(known, call_options));
     WriteStruct(cairn::client::ToC(found), answer);
     return absl::OkStatus();
   });

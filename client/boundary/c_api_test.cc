@@ -35,7 +35,7 @@ class CApi : public testing::Test {
     cairn_map_close(map_);
   }
   cairn_code Localize(const cairn_call_options* call = nullptr) {
-    return cairn_localizer_localize(localizer_, &image_, &camera_, call, &answer_, &error_);
+    return cairn_localizer_localize(localizer_, &query_, call, &answer_, &error_);
   }
 
   const TestingMapFile file_{"c_api"};
@@ -45,6 +45,7 @@ class CApi : public testing::Test {
   cairn_error error_ = Sized<cairn_error>();
   cairn_camera camera_ = Sized<cairn_camera>();
   cairn_image image_ = Sized<cairn_image>();
+  cairn_localize_query query_ = {sizeof(query_), &image_, &camera_, 0};
   cairn_localize_answer answer_ = Sized<cairn_localize_answer>();
 };
 
@@ -67,6 +68,14 @@ TEST_F(CApi, AnswersAndSaysWhatTheMapIs) {
   EXPECT_EQ(info.cameras, 1);
   EXPECT_EQ(info.components, 1);
   EXPECT_EQ(info.aligned, 1);
+  auto component = Sized<cairn_component>();
+  ASSERT_EQ(cairn_map_get_component(map_, 0, &component, &error_), CAIRN_OK) << error_.message;
+  EXPECT_EQ(component.id, answer_.component);
+  EXPECT_EQ(component.aligned, 1);
+  EXPECT_EQ(component.keyframes, 10);
+  EXPECT_EQ(component.scale, 2.0);
+  EXPECT_EQ(component.world_from_component.translation[0], 10.0);
+  EXPECT_EQ(cairn_map_get_component(map_, 1, &component, &error_), CAIRN_OUT_OF_RANGE);
   std::int32_t changed = 9;
   EXPECT_EQ(cairn_map_refresh(map_, nullptr, &changed, &error_), CAIRN_OK);
   EXPECT_EQ(changed, 0);
@@ -107,14 +116,14 @@ TEST_F(CApi, NullIsAnErrorOrNothing) {
   EXPECT_EQ(cairn_map_refresh(map_, nullptr, nullptr, nullptr), CAIRN_OK);
   EXPECT_EQ(cairn_localizer_new(nullptr, &localizer_, nullptr), CAIRN_INVALID_ARGUMENT);
   EXPECT_EQ(cairn_localizer_new(map_, nullptr, nullptr), CAIRN_INVALID_ARGUMENT);
-  const auto localize = [&](cairn_localizer* localizer, cairn_image* image, cairn_camera* camera, auto* answer) {
-    return cairn_localizer_localize(localizer, image, camera, nullptr, answer, nullptr);
-  };
-  EXPECT_EQ(localize(nullptr, &image_, &camera_, &answer_), CAIRN_INVALID_ARGUMENT);
-  EXPECT_EQ(localize(localizer_, nullptr, &camera_, &answer_), CAIRN_INVALID_ARGUMENT);
-  EXPECT_EQ(localize(localizer_, &image_, nullptr, &answer_), CAIRN_INVALID_ARGUMENT);
-  cairn_localize_answer* no_answer = nullptr;
-  EXPECT_EQ(localize(localizer_, &image_, &camera_, no_answer), CAIRN_INVALID_ARGUMENT);
+  EXPECT_EQ(cairn_localizer_localize(nullptr, &query_, nullptr, &answer_, nullptr), CAIRN_INVALID_ARGUMENT);
+  EXPECT_EQ(cairn_localizer_localize(localizer_, nullptr, nullptr, &answer_, nullptr), CAIRN_INVALID_ARGUMENT);
+  EXPECT_EQ(cairn_localizer_localize(localizer_, &query_, nullptr, nullptr, nullptr), CAIRN_INVALID_ARGUMENT);
+  query_.image = nullptr;
+  EXPECT_EQ(Localize(), CAIRN_INVALID_ARGUMENT);
+  query_.image = &image_;
+  query_.camera = nullptr;
+  EXPECT_EQ(Localize(), CAIRN_INVALID_ARGUMENT);
   EXPECT_EQ(cairn_tracker_new(nullptr, &camera_, nullptr, nullptr, nullptr, nullptr), CAIRN_INVALID_ARGUMENT);
   EXPECT_EQ(cairn_tracker_track(nullptr, &image_, 0, nullptr, nullptr, nullptr), CAIRN_INVALID_ARGUMENT);
   cairn_map_close(nullptr);
@@ -140,14 +149,13 @@ TEST_F(CApi, StructsOfOtherVersions) {
     std::int64_t later;
   } image = {image_, 0};
   image.image.struct_size = sizeof(image);
+  query_.image = &image.image;
   struct {
     cairn_localize_answer answer;
     std::int64_t later[2];
   } answer = {answer_, {-1, -1}};
   answer.answer.struct_size = sizeof(answer) - sizeof(std::int64_t);
-  const auto localize = [&] {
-    return cairn_localizer_localize(localizer_, &image.image, &camera_, nullptr, &answer.answer, &error_);
-  };
+  const auto localize = [&] { return cairn_localizer_localize(localizer_, &query_, nullptr, &answer.answer, &error_); };
   ASSERT_EQ(localize(), CAIRN_OK) << error_.message;
   EXPECT_EQ(answer.answer.localized, 1);
   EXPECT_EQ(answer.later[0], 0);

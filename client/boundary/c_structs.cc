@@ -14,6 +14,8 @@ static_assert(sizeof(void*) != 8 ||
                sizeof(cairn_map_options) == kFirstSize<cairn_map_options> &&
                sizeof(cairn_map_info) == kFirstSize<cairn_map_info> &&
                sizeof(cairn_camera) == kFirstSize<cairn_camera> && sizeof(cairn_image) == kFirstSize<cairn_image> &&
+               sizeof(cairn_component) == kFirstSize<cairn_component> &&
+               sizeof(cairn_localize_query) == kFirstSize<cairn_localize_query> &&
                sizeof(cairn_localize_answer) == kFirstSize<cairn_localize_answer> &&
                sizeof(cairn_tracker_options) == kFirstSize<cairn_tracker_options> &&
                sizeof(cairn_track_answer) == kFirstSize<cairn_track_answer>));
@@ -106,6 +108,15 @@ absl::StatusOr<v0::ImageView> ReadImage(const cairn_image* image) {
   return result;
 }
 
+absl::StatusOr<v0::LocalizeQuery> ReadQuery(const cairn_localize_query* query) {
+  CAIRN_ASSIGN_OR_RETURN(const cairn_localize_query known, ReadStruct(query, "cairn_localize_query"));
+  v0::LocalizeQuery result;
+  CAIRN_ASSIGN_OR_RETURN(result.image, ReadImage(known.image));
+  CAIRN_ASSIGN_OR_RETURN(result.camera, ReadCamera(known.camera));
+  result.time_ns = known.time_ns;
+  return result;
+}
+
 cairn_camera ToC(const v0::Camera& camera) {
   cairn_camera result{};
   result.model = static_cast<std::int32_t>(camera.model);
@@ -119,6 +130,16 @@ cairn_camera ToC(const v0::Camera& camera) {
   result.cx_px = camera.cx_px;
   result.cy_px = camera.cy_px;
   std::copy_n(camera.distortion.begin(), count, result.distortion);
+  return result;
+}
+
+cairn_component ToC(const v0::MapComponent& component) {
+  cairn_component result{};
+  result.id = component.id;
+  result.aligned = component.aligned ? 1 : 0;
+  result.keyframes = component.keyframes;
+  result.world_from_component = PoseToC(component.world_from_component.pose);
+  result.scale = component.world_from_component.scale;
   return result;
 }
 

@@ -36,6 +36,10 @@ inline constexpr std::size_t kFirstSize<cairn_camera> = 120;
 template <>
 inline constexpr std::size_t kFirstSize<cairn_image> = 40;
 template <>
+inline constexpr std::size_t kFirstSize<cairn_component> = 88;
+template <>
+inline constexpr std::size_t kFirstSize<cairn_localize_query> = 32;
+template <>
 inline constexpr std::size_t kFirstSize<cairn_localize_answer> = 808;
 template <>
 inline constexpr std::size_t kFirstSize<cairn_tracker_options> = 16;
@@ -91,8 +95,10 @@ absl::StatusOr<v0::MapOptions> ReadMapOptions(const cairn_map_options* options);
 absl::StatusOr<v0::TrackerOptions> ReadTrackerOptions(const cairn_tracker_options* options);
 absl::StatusOr<v0::Camera> ReadCamera(const cairn_camera* camera);
 absl::StatusOr<v0::ImageView> ReadImage(const cairn_image* image);
+absl::StatusOr<v0::LocalizeQuery> ReadQuery(const cairn_localize_query* query);
 
 cairn_camera ToC(const v0::Camera& camera);
+cairn_component ToC(const v0::MapComponent& component);
 cairn_map_info ToC(const v0::MapInfo& info);
 cairn_localize_answer ToC(const v0::LocalizeAnswer& answer);
 cairn_track_answer ToC(const v0::TrackAnswer& answer);

@@ -6,7 +6,9 @@
 #include "cairn.h"
 #include "cairn/conversions.h"
 #include "cairn/map.h"
+#include "client/boundary/testing_map_file.h"
 #include "client/conformance/localizer_conformance.h"
+#include "client/local_localizer.h"
 
 namespace cairn::conformance {
 namespace {
@@ -120,7 +122,8 @@ class OverC : public api::Localizer {
     error.struct_size = sizeof(error);
     cairn_localize_answer found{};
     found.struct_size = sizeof(found);
-    const cairn_code code = cairn_localizer_localize(localizer_, &image, &camera, nullptr, &found, &error);
+    const cairn_localize_query asked{sizeof(asked), &image, &camera, query.time_ns};
+    const cairn_code code = cairn_localizer_localize(localizer_, &asked, nullptr, &found, &error);
     if (code != CAIRN_OK) return FromC(code, error);
     return FromC(found);
   }
@@ -135,7 +138,13 @@ class OverC : public api::Localizer {
                      found.pnp_inliers, found.guided_matches, found.inliers};
     answer.map_from_camera = ToSE3(found.map_from_camera);
     answer.world_from_camera = ToSE3(found.world_from_camera);
+    answer.component = ComponentId(found.component);
+    answer.components = found.components;
+    answer.world_per_map = found.world_per_map;
     answer.world_is_metric = found.world_is_metric != 0;
+    answer.lens = static_cast<api::LensUse>(found.lens);
+    answer.extract_ms = found.extract_ms;
+    answer.locate_ms = found.locate_ms;
     answer.covariance = Eigen::Map<const Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(found.covariance);
     answer.map_id = found.map_id;
     answer.revision = found.revision;
@@ -160,6 +169,59 @@ absl::StatusOr<std::unique_ptr<api::Localizer>> OpenC(const std::string& path) {
 }
 
 INSTANTIATE_TEST_SUITE_P(C, LocalizerConformance, testing::Values(LocalizerFactory(&OpenC)));
+
+void ExpectSame(const SE3& a, const SE3& b) {
+  EXPECT_EQ(a.translation(), b.translation());
+  EXPECT_EQ(a.rotation().coeffs(), b.rotation().coeffs());
+}
+
+// But for the time that it took.
+void ExpectSame(const api::LocalizeAnswer& a, const api::LocalizeAnswer& b) {
+  EXPECT_EQ(a.localized, b.localized);
+  EXPECT_EQ(a.stage, b.stage);
+  EXPECT_EQ(a.reason, b.reason);
+  EXPECT_EQ(a.counts.features, b.counts.features);
+  EXPECT_EQ(a.counts.candidates, b.counts.candidates);
+  EXPECT_EQ(a.counts.word_matches, b.counts.word_matches);
+  EXPECT_EQ(a.counts.pnp_inliers, b.counts.pnp_inliers);
+  EXPECT_EQ(a.counts.guided_matches, b.counts.guided_matches);
+  EXPECT_EQ(a.counts.inliers, b.counts.inliers);
+  ExpectSame(a.map_from_camera, b.map_from_camera);
+  EXPECT_EQ(a.component, b.component);
+  EXPECT_EQ(a.components, b.components);
+  ExpectSame(a.world_from_camera, b.world_from_camera);
+  EXPECT_EQ(a.world_per_map, b.world_per_map);
+  EXPECT_EQ(a.world_is_metric, b.world_is_metric);
+  EXPECT_EQ(a.covariance, b.covariance);
+  EXPECT_EQ(a.map_id, b.map_id);
+  EXPECT_EQ(a.revision, b.revision);
+  EXPECT_EQ(a.lens, b.lens);
+  EXPECT_EQ(a.reference_keyframe, b.reference_keyframe);
+}
+
+TEST(Boundary, AnswersAreThoseOfTheLocalizerBehindIt) {
+  const TestingMapFile file("boundary");
+  ASSERT_TRUE(WriteConformanceMap(file.path).ok());
+  const auto local = client::LocalLocalizer::Open(file.path);
+  ASSERT_TRUE(local.ok()) << local.status();
+  const ConformanceMap& map = TheConformanceMap();
+  const SE3 pose = LookInRoom({0.2, 0.0, -1.4}, 0.05);
+  api::LocalizeQuery query{map.room.Render(map.pinhole, pose), Camera::FromPinhole(map.pinhole), 5};
+  for (const bool here : {true, false}) {
+    if (!here) query.image = RenderedRoom(77).Render(map.pinhole, pose);
+    const auto expected = (*local)->Localize(query);
+    ASSERT_TRUE(expected.ok()) << expected.status();
+    EXPECT_EQ(expected->localized, here);
+    for (const auto& open : {LocalizerFactory(&OpenPublic), LocalizerFactory(&OpenC)}) {
+      const auto localizer = open(file.path);
+      ASSERT_TRUE(localizer.ok()) << localizer.status();
+      const auto answer = (*localizer)->Localize(query);
+      ASSERT_TRUE(answer.ok()) << answer.status();
+      ExpectSame(*answer, *expected);
+      EXPECT_GT(answer->extract_ms, 0.0);
+    }
+  }
+}
 
 }  // namespace
 }  // namespace cairn::conformance

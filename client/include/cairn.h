@@ -96,7 +96,7 @@ typedef struct cairn_map_info {
   int64_t keyframes;  /**< in all components */
   int64_t points;     /**< in all components */
   int32_t cameras;    /**< that made the map: cairn_map_camera() */
-  int32_t components; /**< parts with a frame of their own */
+  int32_t components; /**< parts with a frame of their own: cairn_map_get_component() */
   int32_t aligned;    /**< of these, parts whose place in the world is known */
   int32_t reserved;   /**< 0 */
 } cairn_map_info;
@@ -141,11 +141,29 @@ typedef struct cairn_image {
   int32_t reserved;     /**< 0 */
 } cairn_image;
 
+/** One image, and the camera that took it: any camera, not only one that made the map. */
+typedef struct cairn_localize_query {
+  size_t struct_size;         /**< sizeof(cairn_localize_query) */
+  const cairn_image* image;   /**< of the size of the camera */
+  const cairn_camera* camera; /**< of that image */
+  int64_t time_ns;            /**< when it was taken, on the caller's clock; may be 0 */
+} cairn_localize_query;
+
 /** A rigid transform a_from_b. It has no struct_size and stays as it is. */
 typedef struct cairn_pose {
   double translation[3];   /**< in units of frame a */
   double rotation_xyzw[4]; /**< unit quaternion */
 } cairn_pose;
+
+/** A part of the map with a frame of its own. */
+typedef struct cairn_component {
+  size_t struct_size;              /**< sizeof(cairn_component) */
+  uint32_t id;                     /**< in the map; never used twice */
+  int32_t aligned;                 /**< 1: its place in the world is known */
+  int64_t keyframes;               /**< in it */
+  cairn_pose world_from_component; /**< with the scale: point_world = scale * rotation * point + translation */
+  double scale;                    /**< metres per unit of the map */
+} cairn_component;
 
 /** The stages of finding a single image, in order; a miss names the one that failed (cairn/answers.h). */
 enum cairn_localize_stage {
@@ -262,6 +280,9 @@ CAIRN_C_API cairn_code cairn_map_get_info(const cairn_map* map, cairn_map_info* 
 /** A camera that made part of the map, `index` from 0. CAIRN_OUT_OF_RANGE beyond the last one. */
 CAIRN_C_API cairn_code cairn_map_get_camera(const cairn_map* map, int32_t index, cairn_camera* camera,
                                             cairn_error* error);
+/** A part of the map, `index` from 0. CAIRN_OUT_OF_RANGE beyond the last one. */
+CAIRN_C_API cairn_code cairn_map_get_component(const cairn_map* map, int32_t index, cairn_component* component,
+                                               cairn_error* error);
 /** Goes on to the newest revision; `changed`, which may be NULL, becomes 1 if there was one, else 0. */
 CAIRN_C_API cairn_code cairn_map_refresh(const cairn_map* map, const cairn_call_options* call, int32_t* changed,
                                          cairn_error* error);
@@ -271,9 +292,9 @@ CAIRN_C_API cairn_code cairn_localizer_new(const cairn_map* map, cairn_localizer
 /** NULL does nothing. */
 CAIRN_C_API void cairn_localizer_free(cairn_localizer* localizer);
 /** A miss is CAIRN_OK, with `localized` 0. */
-CAIRN_C_API cairn_code cairn_localizer_localize(const cairn_localizer* localizer, const cairn_image* image,
-                                                const cairn_camera* camera, const cairn_call_options* call,
-                                                cairn_localize_answer* answer, cairn_error* error);
+CAIRN_C_API cairn_code cairn_localizer_localize(const cairn_localizer* localizer, const cairn_localize_query* query,
+                                                const cairn_call_options* call, cairn_localize_answer* answer,
+                                                cairn_error* error);
 
 /** Follows a stream of images of `camera`. */
 CAIRN_C_API cairn_code cairn_tracker_new(const cairn_map* map, const cairn_camera* camera,

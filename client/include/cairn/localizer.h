@@ -30,10 +30,10 @@ class CAIRN_API Localizer {
   /// kCancelled, kDataLoss, kResourceExhausted, kUnavailable.
   absl::StatusOr<LocalizeAnswer> Localize(const LocalizeQuery& query, const CallOptions& call = {}) const noexcept;
 
-  /// What the library has behind it.
+  /// \cond What the library has behind it; of no use to others.
   class CAIRN_HIDDEN Impl;
-  /// Used by the library.
   CAIRN_HIDDEN explicit Localizer(std::shared_ptr<Impl> impl) noexcept;
+  /// \endcond
 
  private:
   std::shared_ptr<Impl> impl_;

@@ -1,3 +1,7 @@
+/// \mainpage
+/// Where a camera is, asked of a map that is kept: cairn/map.h for C++, where everything begins, cairn.h for C. What
+/// the words mean, and how to link the library, is in client.md beside the other documents.
+///
 /// \file
 /// A map, and all that is asked of it. Includes the rest:
 ///
@@ -82,10 +86,10 @@ class CAIRN_API Map {
   absl::StatusOr<Tracker> NewTracker(const Camera& camera, const TrackerOptions& options = {},
                                      const CallOptions& call = {}) const noexcept;
 
-  /// What the library has behind it.
+  /// \cond What the library has behind it; of no use to others.
   class CAIRN_HIDDEN Impl;
-  /// Used by the library.
   CAIRN_HIDDEN explicit Map(std::shared_ptr<Impl> impl) noexcept;
+  /// \endcond
 
  private:
   std::shared_ptr<Impl> impl_;

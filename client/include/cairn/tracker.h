@@ -45,10 +45,10 @@ class CAIRN_API Tracker {
   absl::StatusOr<TrackAnswer> Track(const ImageView& image, std::int64_t time_ns,
                                     const CallOptions& call = {}) noexcept;
 
-  /// What the library has behind it.
+  /// \cond What the library has behind it; of no use to others.
   class CAIRN_HIDDEN Impl;
-  /// Used by the library.
   CAIRN_HIDDEN explicit Tracker(std::unique_ptr<Impl> impl) noexcept;
+  /// \endcond
 
  private:
   std::unique_ptr<Impl> impl_;

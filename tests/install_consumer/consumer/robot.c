@@ -15,6 +15,7 @@ int main(int argc, char** argv) {
   cairn_map_info info = {sizeof info};
   cairn_camera camera = {sizeof camera};
   cairn_image image = {sizeof image};
+  cairn_localize_query query = {sizeof query};
   cairn_localize_answer answer = {sizeof answer};
   cairn_map* map = NULL;
   cairn_localizer* localizer = NULL;
@@ -33,7 +34,9 @@ int main(int argc, char** argv) {
   image.data = pixels;
   image.width_px = 480;
   image.height_px = 360;
-  CHECK(cairn_localizer_localize(localizer, &image, &camera, NULL, &answer, &error) == CAIRN_OK);
+  query.image = &image;
+  query.camera = &camera;
+  CHECK(cairn_localizer_localize(localizer, &query, NULL, &answer, &error) == CAIRN_OK);
   CHECK(!answer.localized && answer.stage == CAIRN_STAGE_FEATURES && answer.reason[0] != 0);
   code = cairn_tracker_new(map, &camera, NULL, NULL, &tracker, &error);
   CHECK(code == CAIRN_OK || code == CAIRN_UNIMPLEMENTED);
