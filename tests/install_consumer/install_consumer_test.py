@@ -2,6 +2,7 @@
 """Installs Cairn to a folder, moves that elsewhere, and builds programs against it as a user does: the examples and two of our
 own with CMake, one with pkg-config; then runs them on a small map. Environment: CAIRN_BUILD (build folder), CMAKE, MAKE_MAP,
 CAIRN_SOURCE."""
+import json
 import os
 import pathlib
 import shlex
@@ -58,6 +59,10 @@ class InstallConsumer(unittest.TestCase):
         program = self.folder / 'localize'
         run('cc', '-std=c99', '-o', program, SOURCE / 'examples' / 'localize.c', *flags, f'-Wl,-rpath,{library}')
         self.assertIn('10.4', run(program, self.map, self.photo))
+
+    def test_the_program_finds_its_data(self):
+        vocabulary = json.loads(run(self.prefix / 'bin' / 'cairn', 'vocab', 'info', '--json'))
+        self.assertIn(str(self.prefix), json.dumps(vocabulary))
 
     def test_localize_photo(self):
         out = run(self.examples / 'localize_photo', self.map, self.data / 'photo.png')
