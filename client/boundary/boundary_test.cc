@@ -68,7 +68,7 @@ TEST_F(PublicMap, ColoursAndStridesAreSeenThrough) {
     EXPECT_EQ(answer->map_from_camera.translation, expected->map_from_camera.translation);
   }
   // Another weight of red and blue: the orders are told apart.
-  color.forEach<cv::Vec3b>([](cv::Vec3b& pixel, const int*) { pixel[0] = 0; });
+  cv::insertChannel(cv::Mat::zeros(color.size(), CV_8UC1), color, 0);
   const auto bgr = localizer->Localize({*v0::ViewOf(color, v0::PixelFormat::kBgr8), CameraOf(map)});
   const auto rgb = localizer->Localize({*v0::ViewOf(color, v0::PixelFormat::kRgb8), CameraOf(map)});
   ASSERT_TRUE(bgr.ok() && rgb.ok());

@@ -207,7 +207,7 @@ v0::MapInfo InfoOf(const map::Snapshot& map) {
           ToPublic(SE3::FromUnit(world_from_component->rotation(), world_from_component->translation())),
           world_from_component->scale()};
     }
-    info.components.push_back(std::move(component));
+    info.components.push_back(component);
   }
   return info;
 }
