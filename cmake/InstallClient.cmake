@@ -8,6 +8,7 @@ configure_package_config_file(${CMAKE_CURRENT_LIST_DIR}/cairnConfig.cmake.in ${C
                               INSTALL_DESTINATION ${package_folder} PATH_VARS CAIRN_DATA_DIR)
 write_basic_package_version_file(${CMAKE_BINARY_DIR}/cairnConfigVersion.cmake COMPATIBILITY SameMinorVersion)
 file(RELATIVE_PATH CAIRN_PREFIX_FROM_PKGCONFIG /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
+string(REGEX REPLACE "/$" "" CAIRN_PREFIX_FROM_PKGCONFIG ${CAIRN_PREFIX_FROM_PKGCONFIG})
 configure_file(${CMAKE_CURRENT_LIST_DIR}/cairn.pc.in ${CMAKE_BINARY_DIR}/cairn.pc @ONLY)
 
 install(TARGETS cairn_shared EXPORT cairnTargets LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})

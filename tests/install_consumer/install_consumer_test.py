@@ -48,8 +48,10 @@ class InstallConsumer(unittest.TestCase):
         return folder
 
     def test_programs_with_cmake(self):
+        before = self.map.read_bytes()
         self.assertIn('all is well', run(self.consumer / 'robot', self.map, self.photo))
         self.assertIn('all is well', run(self.consumer / 'robot_c', self.map))
+        self.assertEqual(self.map.read_bytes(), before, 'the map was only read')
 
     def test_program_with_pkg_config(self):
         pkg = dict(os.environ, PKG_CONFIG_PATH=str(next(self.prefix.glob('lib/**/pkgconfig'))))
@@ -61,8 +63,15 @@ class InstallConsumer(unittest.TestCase):
         self.assertIn('10.4', run(program, self.map, self.photo))
 
     def test_the_program_finds_its_data(self):
-        vocabulary = json.loads(run(self.prefix / 'bin' / 'cairn', 'vocab', 'info', '--json'))
-        self.assertIn(str(self.prefix), json.dumps(vocabulary))
+        cairn, vocabulary = self.prefix / 'bin' / 'cairn', self.prefix / 'share' / 'cairn' / 'default_vocabulary.cairnvoc'
+        self.assertGreater(json.loads(run(cairn, 'vocab', 'info', '--json'))['words'], 90000)
+        # Its own, not that of the source tree.
+        kept = vocabulary.read_bytes()
+        vocabulary.write_text('no vocabulary')
+        self.addCleanup(vocabulary.write_bytes, kept)
+        done = subprocess.run([cairn, 'vocab', 'info'], capture_output=True, text=True, timeout=60)
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn(str(vocabulary), done.stderr)
 
     def test_localize_photo(self):
         out = run(self.examples / 'localize_photo', self.map, self.data / 'photo.png')
