@@ -40,7 +40,9 @@ int main(int argc, char** argv) {
   const absl::StatusOr<cairn::MapInfo> info = map->Info();
   if (!info.ok()) return Fail(info.status());
   if (info->cameras.empty()) return Fail(absl::FailedPreconditionError("the map is empty"));
-  absl::StatusOr<cairn::Tracker> tracker = map->NewTracker(info->cameras.front().camera);
+  cairn::TrackerOptions options;
+  options.wait_for_matches = true;  // the images come faster than from a camera
+  absl::StatusOr<cairn::Tracker> tracker = map->NewTracker(info->cameras.front().camera, options);
   if (!tracker.ok()) return Fail(tracker.status());
 
   bool found = false;

@@ -209,6 +209,25 @@ TEST(CStructs, StringsAreCutBetweenCharacters) {
   EXPECT_STREQ(to, "abc\xc3\xa4");
 }
 
+TEST(CStructs, ZeroIsTheDefaultOfATracker) {
+  auto options = Sized<cairn_tracker_options>();
+  const auto usual = client::ReadTrackerOptions(&options);
+  ASSERT_TRUE(usual.ok()) << usual.status();
+  const v0::TrackerOptions expected;
+  EXPECT_EQ(usual->mode, expected.mode);
+  EXPECT_EQ(usual->deterministic, expected.deterministic);
+  EXPECT_EQ(usual->relocalize_in_call, expected.relocalize_in_call);
+  EXPECT_EQ(usual->wait_for_matches, expected.wait_for_matches);
+  options.relocalize_beside_call = options.wait_for_matches = options.deterministic = 1;
+  options.mode = CAIRN_TRACK_FEATURES;
+  const auto other = client::ReadTrackerOptions(&options);
+  ASSERT_TRUE(other.ok()) << other.status();
+  EXPECT_EQ(other->mode, v0::TrackMode::kFeatures);
+  EXPECT_TRUE(other->deterministic);
+  EXPECT_FALSE(other->relocalize_in_call);
+  EXPECT_TRUE(other->wait_for_matches);
+}
+
 TEST(CStructs, TheTrackAnswerLosesNothing) {
   v0::TrackAnswer answer;
   answer.time_ns = 1;
@@ -221,6 +240,7 @@ TEST(CStructs, TheTrackAnswerLosesNothing) {
   answer.world_is_metric = true;
   answer.covariance[0] = 6.0;
   answer.map_id = "id";
+  answer.note = "the map was removed";
   answer.revision = 7;
   answer.matched_ns = 8;
   answer.inliers = 9;
@@ -238,6 +258,7 @@ TEST(CStructs, TheTrackAnswerLosesNothing) {
   EXPECT_EQ(c.covariance[0], 6.0);
   EXPECT_NEAR(c.position_sigma, std::sqrt(6.0), 1e-12);
   EXPECT_STREQ(c.map_id, "id");
+  EXPECT_STREQ(c.note, "the map was removed");
   EXPECT_EQ(c.revision, 7u);
   EXPECT_EQ(c.matched_ns, 8);
   EXPECT_EQ(c.inliers, 9);

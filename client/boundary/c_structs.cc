@@ -74,6 +74,8 @@ absl::StatusOr<v0::TrackerOptions> ReadTrackerOptions(const cairn_tracker_option
   CAIRN_ASSIGN_OR_RETURN(const cairn_tracker_options known, ReadStruct(options, "cairn_tracker_options"));
   result.mode = static_cast<v0::TrackMode>(known.mode);
   result.deterministic = known.deterministic != 0;
+  result.relocalize_in_call = known.relocalize_beside_call == 0;
+  result.wait_for_matches = known.wait_for_matches != 0;
   return result;
 }
 
@@ -204,6 +206,7 @@ cairn_track_answer ToC(const v0::TrackAnswer& answer) {
   result.track_ms = answer.track_ms;
   WriteString(answer.map_id, result.map_id, sizeof(result.map_id));
   WriteString(answer.reason, result.reason, sizeof(result.reason));
+  WriteString(answer.note, result.note, sizeof(result.note));
   return result;
 }
 

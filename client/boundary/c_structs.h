@@ -42,9 +42,9 @@ inline constexpr std::size_t kFirstSize<cairn_localize_query> = 32;
 template <>
 inline constexpr std::size_t kFirstSize<cairn_localize_answer> = 808;
 template <>
-inline constexpr std::size_t kFirstSize<cairn_tracker_options> = 16;
+inline constexpr std::size_t kFirstSize<cairn_tracker_options> = 24;
 template <>
-inline constexpr std::size_t kFirstSize<cairn_track_answer> = 776;
+inline constexpr std::size_t kFirstSize<cairn_track_answer> = 1032;
 
 // As much of `from` as we know. `name` is for messages. InvalidArgument if it is null, shorter than a struct of the
 // first version (kFirstSize), or asks in members of a later version for what we cannot do.

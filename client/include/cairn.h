@@ -219,14 +219,16 @@ enum cairn_track_mode {
 
 /** How a tracker works; NULL instead of one: as usual. */
 typedef struct cairn_tracker_options {
-  size_t struct_size;    /**< sizeof(cairn_tracker_options) */
-  int32_t mode;          /**< cairn_track_mode */
-  int32_t deterministic; /**< 1: everything in the thread that calls */
+  size_t struct_size;             /**< sizeof(cairn_tracker_options) */
+  int32_t mode;                   /**< cairn_track_mode */
+  int32_t deterministic;          /**< 1: everything in the thread that calls */
+  int32_t relocalize_beside_call; /**< 1: an image without a pose is looked for beside the calls, not within */
+  int32_t wait_for_matches;       /**< 1: for recordings that are read faster than they were made */
 } cairn_tracker_options;
 
 /** How a tracker knows where it is. */
 enum cairn_track_state {
-  CAIRN_LOCATED = 0, /**< found in the map by this image alone */
+  CAIRN_LOCATED = 0, /**< found in the map, not by following the image before */
   CAIRN_TRACKED = 1, /**< followed, and matched against the map */
   CAIRN_CARRIED = 2, /**< followed from where the map was last matched */
   CAIRN_LOST = 3     /**< there is no pose */
@@ -251,6 +253,7 @@ typedef struct cairn_track_answer {
   double track_ms;              /**< time that the call took */
   char map_id[40];              /**< 32 hex digits */
   char reason[256];             /**< of CAIRN_CARRIED and CAIRN_LOST, for people */
+  char note[256];               /**< what keeps the tracker from following the map; it goes on without */
 } cairn_track_answer;
 
 /** The version of the library that is loaded: "0.1.0". */

@@ -66,7 +66,7 @@ struct LocalizeAnswer {
 
 /// How a tracker knows where it is.
 enum class TrackState {
-  kLocated,  ///< found in the map by this image alone
+  kLocated,  ///< found in the map, not by following the image before
   kTracked,  ///< followed, and matched against the map
   kCarried,  ///< followed from where the map was last matched: the covariance grows until it is again
   kLost,     ///< not at all: there is no pose
@@ -91,7 +91,8 @@ struct TrackAnswer {
   std::uint64_t revision = 0;   ///< of the map that the pose is from
   std::int64_t matched_ns = 0;  ///< time of the last image that was matched against the map; 0: none yet
   int inliers = 0;              ///< points of the map that were matched in it
-  double track_ms = 0.0;        ///< time that the call took
+  std::string note;       ///< what keeps the tracker from following the map (removed, damaged); it goes on without
+  double track_ms = 0.0;  ///< time that the call took
 };
 
 CAIRN_END_NAMESPACE

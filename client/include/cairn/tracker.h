@@ -24,6 +24,12 @@ struct TrackerOptions {
   TrackMode mode = TrackMode::kSemiDirect;  ///< how
   /// Everything in the thread that calls, so that the same images give the same answers; slower.
   bool deterministic = false;
+  /// An image without a pose is looked for in the whole map before Track() returns, which takes as long as a Localizer.
+  /// False: beside the calls, none of which then takes long; what is found reaches a later image.
+  bool relocalize_in_call = true;
+  /// For recordings that are read faster than they were made: an image that is due to be matched against the map waits
+  /// for the match before it, so that as many are matched as of a live camera.
+  bool wait_for_matches = false;
 };
 
 /// Finds itself in the map, follows the camera, carries it on where the map does not reach, and finds itself again
