@@ -39,7 +39,7 @@ void WriteString(absl::string_view from, char* to, std::size_t size) {
   if (length < from.size()) {
     while (length > 0 && (static_cast<unsigned char>(from[length]) & 0xC0) == 0x80) --length;
   }
-  std::memcpy(to, from.data(), length);
+  std::copy_n(from.data(), length, to);
   std::memset(to + length, 0, size - length);
 }
 
