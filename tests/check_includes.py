@@ -21,7 +21,8 @@ ALLOWED = {
     'io': ['map'],
     'api': ['map'],
     'engine': ['api', 'direct', 'mapping', 'store'],
-    'client': ['api', 'direct', 'tracking', 'store'],
+    'cairn': [],  # the public headers
+    'client': ['api', 'direct', 'tracking', 'store', 'cairn'],
     'synth': ['io'],
     'eval': ['io'],
     'plot': ['io'],
@@ -29,9 +30,12 @@ ALLOWED = {
 }
 # Headers of a module that another may include although the module as a whole is closed to it.
 ONLY_HEADERS = {('mapping', 'direct'): {'direct/packet.h'}}
-FOLDERS = {**{name: f'src/{name}' for name in ALLOWED}, 'client': 'client', 'synth': 'tools/synth', 'eval': 'tools/eval',
+FOLDERS = {**{name: f'src/{name}' for name in ALLOWED}, 'cairn': 'client/include', 'client': 'client', 'synth': 'tools/synth', 'eval': 'tools/eval',
            'plot': 'tools/plot', 'cli': 'tools/cli'}
 INCLUDE = re.compile(r'^\s*#include\s+"([a-z_]+)/')
+# What public headers may include: each other, the standard library, Abseil's Status; conversions.h also what it converts.
+PUBLIC_INCLUDE = re.compile(r'^\s*#\s*include\s+("cairn/[a-z_]+\.h"|<[a-z_]+(\.h)?>|<absl/status/status(or)?\.h>)')
+CONVERTED = re.compile(r'^\s*#\s*include\s+<(Eigen/(Core|Geometry)|opencv2/core\.hpp)>')
 
 
 def reachable(module):
@@ -44,9 +48,20 @@ def reachable(module):
     return found
 
 
+def public_header_errors(root):
+    errors, folder = [], root / 'client/include'
+    for path in sorted(folder.rglob('*.h')):
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            if not re.match(r'^\s*#\s*include', line) or PUBLIC_INCLUDE.match(line):
+                continue
+            if path.name != 'conversions.h' or not CONVERTED.match(line):
+                errors.append(f'{path.relative_to(root)}:{number}: not in a public header: {line.strip()}')
+    return errors
+
+
 def main():
     root = pathlib.Path(sys.argv[1])
-    errors, checked = [], 0
+    errors, checked = public_header_errors(root), 0
     for module, folder in FOLDERS.items():
         allowed = reachable(module)
         for path in sorted([*root.joinpath(folder).rglob('*.h'), *root.joinpath(folder).rglob('*.cc')]):

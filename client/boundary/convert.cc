@@ -1,0 +1,216 @@
+#include "client/boundary/convert.h"
+
+#include <opencv2/imgproc.hpp>
+
+namespace cairn::client {
+namespace {
+
+v0::CameraModel ModelToPublic(CameraModel model) {
+  switch (model) {
+    case CameraModel::kPinhole:
+      return v0::CameraModel::kPinhole;
+    case CameraModel::kRadialTangential:
+      return v0::CameraModel::kRadialTangential;
+    case CameraModel::kKannalaBrandt:
+      return v0::CameraModel::kKannalaBrandt;
+    case CameraModel::kFov:
+      return v0::CameraModel::kFov;
+  }
+  return v0::CameraModel::kPinhole;
+}
+
+absl::StatusOr<CameraModel> ModelToInternal(v0::CameraModel model) {
+  switch (model) {
+    case v0::CameraModel::kPinhole:
+      return CameraModel::kPinhole;
+    case v0::CameraModel::kRadialTangential:
+      return CameraModel::kRadialTangential;
+    case v0::CameraModel::kKannalaBrandt:
+      return CameraModel::kKannalaBrandt;
+    case v0::CameraModel::kFov:
+      return CameraModel::kFov;
+  }
+  return absl::InvalidArgumentError(absl::StrCat("camera: there is no model ", static_cast<int>(model)));
+}
+
+v0::LocalizeStage StageToPublic(api::LocalizeStage stage) {
+  switch (stage) {
+    case api::LocalizeStage::kFeatures:
+      return v0::LocalizeStage::kFeatures;
+    case api::LocalizeStage::kCandidates:
+      return v0::LocalizeStage::kCandidates;
+    case api::LocalizeStage::kMatches:
+      return v0::LocalizeStage::kMatches;
+    case api::LocalizeStage::kPnp:
+      return v0::LocalizeStage::kPnp;
+    case api::LocalizeStage::kRefinement:
+      return v0::LocalizeStage::kRefinement;
+    case api::LocalizeStage::kDone:
+      return v0::LocalizeStage::kDone;
+  }
+  return v0::LocalizeStage::kFeatures;
+}
+
+v0::LensUse LensToPublic(api::LensUse use) {
+  switch (use) {
+    case api::LensUse::kNone:
+      return v0::LensUse::kNone;
+    case api::LensUse::kCorrected:
+      return v0::LensUse::kCorrected;
+    case api::LensUse::kOtherCalibration:
+      return v0::LensUse::kOtherCalibration;
+  }
+  return v0::LensUse::kNone;
+}
+
+v0::TrackState StateToPublic(api::TrackState state) {
+  switch (state) {
+    case api::TrackState::kLocated:
+      return v0::TrackState::kLocated;
+    case api::TrackState::kTracked:
+      return v0::TrackState::kTracked;
+    case api::TrackState::kCarried:
+      return v0::TrackState::kCarried;
+    case api::TrackState::kLost:
+      return v0::TrackState::kLost;
+  }
+  return v0::TrackState::kLost;
+}
+
+}  // namespace
+
+absl::Status CheckCall(const v0::CallOptions& call, absl::string_view what) {
+  if (call.cancellation != nullptr && call.cancellation->cancelled()) {
+    return absl::CancelledError(absl::StrCat(what, ": cancelled by the caller"));
+  }
+  if (call.deadline != std::chrono::steady_clock::time_point::max() &&
+      std::chrono::steady_clock::now() >= call.deadline) {
+    return absl::DeadlineExceededError(absl::StrCat(what, ": not done by the caller's deadline"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Camera> ToInternal(const v0::Camera& camera) {
+  Camera result;
+  CAIRN_ASSIGN_OR_RETURN(result.model, ModelToInternal(camera.model));
+  result.width_px = camera.width_px;
+  result.height_px = camera.height_px;
+  result.fx_px = camera.fx_px;
+  result.fy_px = camera.fy_px;
+  result.cx_px = camera.cx_px;
+  result.cy_px = camera.cy_px;
+  result.distortion = camera.distortion;
+  return result;
+}
+
+v0::Camera ToPublic(const Camera& camera) {
+  v0::Camera result;
+  result.model = ModelToPublic(camera.model);
+  result.width_px = camera.width_px;
+  result.height_px = camera.height_px;
+  result.fx_px = camera.fx_px;
+  result.fy_px = camera.fy_px;
+  result.cx_px = camera.cx_px;
+  result.cy_px = camera.cy_px;
+  result.distortion = camera.distortion;
+  return result;
+}
+
+absl::StatusOr<cv::Mat> GrayImage(const v0::ImageView& view) {
+  CAIRN_RETURN_IF_ERROR(view.Validate());
+  const bool gray = view.format == v0::PixelFormat::kGray8;
+  const std::size_t stride = view.stride_bytes == 0 ? static_cast<std::size_t>(cv::Mat::AUTO_STEP)
+                                                    : static_cast<std::size_t>(view.stride_bytes);
+  // OpenCV has no header for pixels that are only read; nobody writes to an input image.
+  const cv::Mat pixels(view.height_px, view.width_px, gray ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(view.data),
+                       stride);
+  if (gray) return pixels;
+  cv::Mat result;
+  cv::cvtColor(pixels, result, view.format == v0::PixelFormat::kRgb8 ? cv::COLOR_RGB2GRAY : cv::COLOR_BGR2GRAY);
+  return result;
+}
+
+v0::Pose ToPublic(const SE3& a_from_b) {
+  v0::Pose result;
+  for (int i = 0; i < 3; ++i) result.translation[static_cast<std::size_t>(i)] = a_from_b.translation()[i];
+  const Quaterniond& q = a_from_b.rotation();
+  result.rotation_xyzw = {q.x(), q.y(), q.z(), q.w()};
+  return result;
+}
+
+v0::PoseCovariance ToPublic(const Matrix6d& covariance) {
+  v0::PoseCovariance result;
+  for (int i = 0; i < 36; ++i) result[static_cast<std::size_t>(i)] = covariance(i / 6, i % 6);
+  return result;
+}
+
+v0::LocalizeAnswer ToPublic(const api::LocalizeAnswer& answer) {
+  v0::LocalizeAnswer result;
+  result.localized = answer.localized;
+  result.stage = StageToPublic(answer.stage);
+  result.reason = answer.reason;
+  const api::LocalizeCounts& counts = answer.counts;
+  result.counts = {counts.features,    counts.candidates,     counts.word_matches,
+                   counts.pnp_inliers, counts.guided_matches, counts.inliers};
+  result.map_from_camera = ToPublic(answer.map_from_camera);
+  result.component = answer.component.value();
+  result.components = answer.components;
+  result.world_from_camera = ToPublic(answer.world_from_camera);
+  result.world_per_map = answer.world_per_map;
+  result.world_is_metric = answer.world_is_metric;
+  result.covariance = ToPublic(answer.covariance);
+  result.map_id = answer.map_id;
+  result.revision = answer.revision;
+  result.lens = LensToPublic(answer.lens);
+  result.reference_keyframe = answer.reference_keyframe.value();
+  result.extract_ms = answer.extract_ms;
+  result.locate_ms = answer.locate_ms;
+  return result;
+}
+
+v0::TrackAnswer ToPublic(const api::TrackAnswer& answer) {
+  v0::TrackAnswer result;
+  result.time_ns = answer.time_ns;
+  result.state = StateToPublic(answer.state);
+  result.reason = answer.reason;
+  result.map_from_camera = ToPublic(answer.map_from_camera);
+  result.component = answer.component.value();
+  result.world_from_camera = ToPublic(answer.world_from_camera);
+  result.world_per_map = answer.world_per_map;
+  result.world_is_metric = answer.world_is_metric;
+  result.covariance = ToPublic(answer.covariance);
+  result.map_id = answer.map_id;
+  result.revision = answer.revision;
+  result.matched_ns = answer.matched_ns;
+  result.inliers = answer.inliers;
+  result.note = answer.note;
+  result.track_ms = answer.track_ms;
+  return result;
+}
+
+v0::MapInfo InfoOf(const map::Snapshot& map) {
+  v0::MapInfo info;
+  info.id = map.info().id;
+  info.name = map.info().name;
+  info.revision = map.revision();
+  info.keyframes = static_cast<std::int64_t>(map.keyframes().size());
+  info.points = static_cast<std::int64_t>(map.points().size());
+  for (const auto& [id, camera] : map.cameras()) {
+    info.cameras.push_back({id.value(), camera.name, ToPublic(camera.model)});
+  }
+  for (const ComponentId id : map.LiveComponents()) {
+    v0::MapComponent component;
+    component.id = id.value();
+    component.keyframes = map.NumKeyframes(id);
+    if (const auto& world_from_component = map.WorldFrom(id)) {
+      component.aligned = true;
+      component.world_from_component = {
+          ToPublic(SE3::FromUnit(world_from_component->rotation(), world_from_component->translation())),
+          world_from_component->scale()};
+    }
+    info.components.push_back(component);
+  }
+  return info;
+}
+
+}  // namespace cairn::client

@@ -1,0 +1,44 @@
+// What the copies of a cairn::Map and its localizers share: the map at the revision that it has been brought to.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <shared_mutex>
+#include <string>
+
+#include "api/localizer.h"
+#include "base/status.h"
+#include "client/local_localizer.h"
+#include "map/snapshot.h"
+
+namespace cairn::client {
+
+// Thread-safe.
+class MapState {
+ public:
+  // Errors as of LocalLocalizer::Open().
+  static absl::StatusOr<std::shared_ptr<MapState>> Open(const std::string& path, const LocalLocalizerOptions& options);
+
+  // Waits for the readers that there are, and those that come later for it.
+  absl::StatusOr<bool> Refresh();
+
+  absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query);
+  // `read` gets the revision that the map is at, and must not keep it.
+  void Read(const std::function<void(const map::Snapshot&)>& read);
+
+  const std::string& path() const { return path_; }
+
+ private:
+  MapState(std::string path, std::unique_ptr<LocalLocalizer> localizer)
+      : path_(std::move(path)), localizer_(std::move(localizer)) {}
+  std::shared_lock<std::shared_mutex> LockToRead();
+
+  const std::string path_;
+  const std::unique_ptr<LocalLocalizer> localizer_;
+  // Taken by everybody for a moment before mutex_: a stream of readers would otherwise keep Refresh() out for good.
+  std::mutex gate_;
+  std::shared_mutex mutex_;  // exclusive while localizer_ goes on to another revision
+};
+
+}  // namespace cairn::client

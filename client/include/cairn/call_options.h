@@ -1,0 +1,45 @@
+/// \file
+/// How long a call may take, and how another thread ends it early.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+
+#include "cairn/export.h"
+
+CAIRN_BEGIN_NAMESPACE
+
+/// Ends calls from another thread. Any number of calls may share one. Thread-safe.
+class Cancellation {
+ public:
+  Cancellation() = default;
+  Cancellation(const Cancellation&) = delete;
+  Cancellation& operator=(const Cancellation&) = delete;
+
+  /// Calls that were given this object end with kCancelled, those that come later, too.
+  void Cancel() noexcept { cancelled_.store(true, std::memory_order_release); }
+  /// Whether Cancel() was called.
+  bool cancelled() const noexcept { return cancelled_.load(std::memory_order_acquire); }
+
+ private:
+  std::atomic<bool> cancelled_{false};
+};
+
+/// A call looks at both before it begins and between steps of its work: over a map file in this process it may return
+/// some tens of milliseconds late, when a map is opened, as late as loading it takes. An answer that is ready is
+/// returned, late or not. After kDeadlineExceeded or kCancelled nothing has changed.
+struct CallOptions {
+  /// The call ends with kDeadlineExceeded after this. Never by default.
+  std::chrono::steady_clock::time_point deadline = std::chrono::steady_clock::time_point::max();
+  /// May be null; must live until the call returns.
+  const Cancellation* cancellation = nullptr;
+
+  /// A deadline so much from now.
+  static CallOptions Within(std::chrono::nanoseconds time) noexcept {
+    CallOptions options;
+    options.deadline = std::chrono::steady_clock::now() + time;
+    return options;
+  }
+};
+
+CAIRN_END_NAMESPACE
