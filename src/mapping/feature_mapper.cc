@@ -161,7 +161,6 @@ absl::Status FeatureMapper::Impl::CullSession() {
 }
 
 absl::Status FeatureMapper::Impl::Finish() {
-  CAIRN_RETURN_IF_ERROR(CullSession());
   std::map<ComponentId, std::vector<KeyframeId>> own_of;
   map_->keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
     if (keyframe->session == session_) own_of[keyframe->component].push_back(keyframe->id);
@@ -170,6 +169,7 @@ absl::Status FeatureMapper::Impl::Finish() {
     if (own.size() < 2 || static_cast<int>(own.size()) > options_.max_final_keyframes) continue;
     CAIRN_RETURN_IF_ERROR(AdjustSession(component, own));
   }
+  CAIRN_RETURN_IF_ERROR(CullSession());  // last: what goes has helped to place what stays
   auto& entries = trajectory_.entries();
   for (std::size_t i = 0; i < entries.size(); ++i) {
     if (!entries[i].reference || views_[i].empty()) continue;
