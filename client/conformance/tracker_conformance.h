@@ -13,6 +13,7 @@
 #include <functional>
 #include <memory>
 #include <opencv2/imgproc.hpp>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,7 @@ struct TrackerCase {
   std::function<absl::StatusOr<std::unique_ptr<api::Tracker>>(const std::string& map_path, const Camera& camera)> open;
   bool carries = true;  // goes on where the map does not reach
 };
+inline void PrintTo(const TrackerCase& tracker, std::ostream* out) { *out << tracker.name; }
 
 class TrackerConformance : public testing::TestWithParam<TrackerCase> {
  protected:
