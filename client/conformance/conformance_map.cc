@@ -131,6 +131,18 @@ absl::Status WriteConformanceMap(const std::string& path) {
   return file->Close();
 }
 
+Camera AnotherCamera() {
+  Camera camera;
+  camera.model = CameraModel::kRadialTangential;
+  camera.width_px = 400;
+  camera.height_px = 320;
+  camera.fx_px = camera.fy_px = 280.0;
+  camera.cx_px = 205.0;
+  camera.cy_px = 155.0;
+  camera.distortion = {-0.2, 0.05, 0.001, -0.0005};
+  return camera;
+}
+
 SE3 LookInRoom(const Vector3d& center, double yaw_rad) {
   return SE3(Quaterniond(Eigen::AngleAxisd(yaw_rad, Vector3d::UnitY())), center).Inverse();
 }

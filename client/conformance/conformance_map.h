@@ -5,6 +5,7 @@
 
 #include "base/status.h"
 #include "client/conformance/rendered_room.h"
+#include "geometry/camera.h"
 #include "map/snapshot.h"
 #include "place/vocabulary.h"
 
@@ -23,6 +24,9 @@ const ConformanceMap& TheConformanceMap();
 
 // Writes it to a new map file.
 absl::Status WriteConformanceMap(const std::string& path);
+
+// One of another size, focal length and lens than that of the map.
+Camera AnotherCamera();
 
 // camera_from_map of a camera at `center` turned to the right by `yaw_rad` from looking along +z.
 SE3 LookInRoom(const Vector3d& center, double yaw_rad);

@@ -82,14 +82,7 @@ TEST_P(LocalizerConformance, AnswersInTheWorldOfAnAlignedMap) {
 }
 
 TEST_P(LocalizerConformance, ADistortedCameraOfAnotherSizeIsFine) {
-  Camera camera;
-  camera.model = CameraModel::kRadialTangential;
-  camera.width_px = 400;
-  camera.height_px = 320;
-  camera.fx_px = camera.fy_px = 280.0;
-  camera.cx_px = 205.0;
-  camera.cy_px = 155.0;
-  camera.distortion = {-0.2, 0.05, 0.001, -0.0005};
+  const Camera camera = AnotherCamera();
   const SE3 truth = LookInRoom({0.0, 0.1, -1.4}, 0.1);
   const auto answer = localizer_->Localize({TheConformanceMap().room.Render(camera, truth), camera, 0});
   ASSERT_TRUE(answer.ok()) << answer.status();

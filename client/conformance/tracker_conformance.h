@@ -189,15 +189,8 @@ TEST_P(TrackerConformance, AnotherRoomIsNotTakenForThisOne) {
 }
 
 // A camera with another size, focal length and lens than the map's.
-TEST_P(TrackerConformance, AnotherCamera) {
-  Camera camera;
-  camera.model = CameraModel::kRadialTangential;
-  camera.width_px = 400;
-  camera.height_px = 320;
-  camera.fx_px = camera.fy_px = 280.0;
-  camera.cx_px = 205.0;
-  camera.cy_px = 155.0;
-  camera.distortion = {-0.2, 0.05, 0.001, -0.0005};
+TEST_P(TrackerConformance, FollowsAnotherCamera) {
+  const Camera camera = AnotherCamera();
   Open(camera);
   for (int i = 0; i < 40; ++i) ExpectPose(TrackAt(WalkAt(i)), WalkAt(i));
 }
