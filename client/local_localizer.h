@@ -2,26 +2,14 @@
 #pragma once
 
 #include <memory>
-#include <mutex>
 #include <string>
-#include <utility>
-#include <vector>
 
 #include "api/localizer.h"
 #include "client/map_reader.h"
-#include "image/orb_extractor.h"
-#include "image/undistort.h"
+#include "client/view_localizer.h"
 #include "map/snapshot.h"
-#include "tracking/relocalizer.h"
 
 namespace cairn::client {
-
-struct LocalLocalizerOptions {
-  tracking::RelocalizerOptions relocalizer;
-  int num_features = 0;  // per query image; 0: as many as the map's keyframes were made with
-
-  absl::Status Validate() const;
-};
 
 // Localize() may be called by several threads at once; Refresh() needs exclusive access.
 class LocalLocalizer : public api::Localizer {
@@ -32,7 +20,9 @@ class LocalLocalizer : public api::Localizer {
                                                               const LocalLocalizerOptions& options = {});
 
   // InvalidArgument: no 8-bit grey image, a camera that makes no sense, or one of another size than the image.
-  absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override;
+  absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override {
+    return localizer_.Localize(*map_->view(), query);
+  }
 
   // Goes on to a newer revision if a writer has made one; true if so. Reads what has changed, as long as that is known
   // (store::kMaxDeltaRevisions).
@@ -41,20 +31,10 @@ class LocalLocalizer : public api::Localizer {
   const map::Snapshot& snapshot() const { return map_->view()->map(); }
 
  private:
-  explicit LocalLocalizer(const LocalLocalizerOptions& options)
-      : options_(options), relocalizer_(options.relocalizer) {}
+  explicit LocalLocalizer(const LocalLocalizerOptions& options) : localizer_(options) {}
 
-  absl::StatusOr<api::LocalizeAnswer> Locate(const api::LocalizeQuery& query);
-  std::shared_ptr<const image::Undistorter> KnownUndistorter(const Camera& camera);  // null: not known
-  absl::StatusOr<std::shared_ptr<const image::Undistorter>> UndistorterFor(const Camera& camera);
-  void FillPose(const tracking::Relocalization& found, api::LocalizeAnswer* answer) const;
-
-  LocalLocalizerOptions options_;
-  tracking::Relocalizer relocalizer_;
+  ViewLocalizer localizer_;
   std::unique_ptr<MapReader> map_;
-
-  std::mutex mutex_;  // of the last cameras, most recent first: making undistortion maps takes longer than using them
-  std::vector<std::shared_ptr<const image::Undistorter>> undistorters_;
 };
 
 }  // namespace cairn::client

@@ -24,6 +24,8 @@ class MapReader {
   // (store::kMaxDeltaRevisions), and else all. After an error the view is what it was.
   absl::StatusOr<bool> Refresh();
 
+  absl::StatusOr<store::MapSummary> ReadSummary() { return file_->ReadSummary(); }
+
  private:
   MapReader() = default;
   absl::Status Load();
