@@ -4,7 +4,7 @@
 #include "io/body_camera.h"
 #include "io/sequence_readers.h"
 #include "io/text_lines.h"
-#include "io/time_text.h"
+#include "io/time_column.h"
 #include "io/yaml_file.h"
 
 namespace cairn::io {
@@ -69,44 +69,62 @@ absl::Status ReadSensor(const std::string& path, bool with_camera, SequenceFiles
   return Annotate(camera.Validate(), path);
 }
 
-absl::StatusOr<std::vector<ListedImage>> ReadList(const fs::path& list) {
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> lines, ReadDataLines(list.string()));
-  std::vector<ListedImage> images;
-  TimeOrder order;
-  for (const TextLine& line : lines) {
-    const std::vector<absl::string_view> fields = SplitFields(line.text);
-    const absl::StatusOr<TimeNs> time_ns = ParseNanoseconds(fields[0]);
-    if (!time_ns.ok()) return LineError(list.string(), line.number, time_ns.status().message());
-    CAIRN_RETURN_IF_ERROR(order.Add(*time_ns, list.string(), line.number));
-    const std::string name = fields.size() > 1 ? std::string(fields[1]) : absl::StrCat(fields[0], ".png");
-    images.push_back({*time_ns, (list.parent_path() / "data" / name).string(), 0.0});
-  }
-  if (images.empty()) {
+absl::Status ReadList(const fs::path& list, SequenceFiles* out) {
+  CAIRN_ASSIGN_OR_RETURN(const TextTable table, ReadTable(list.string()));
+  if (table.lines.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(list.string(), " lists no images; expected lines of `ns,filename`"));
   }
-  return images;
+  std::vector<TimeText> texts;
+  std::vector<std::string> names;
+  for (const TextLine& line : table.lines) {
+    const std::vector<absl::string_view> fields = SplitFields(line.text);
+    texts.push_back({line.number, fields[0]});
+    names.push_back(fields.size() > 1 ? std::string(fields[1]) : absl::StrCat(fields[0], ".png"));
+  }
+  TimeColumnRules rules;
+  rules.usual = TimeUnit::kNanoseconds;
+  rules.rate_hz = out->rate_hz;
+  rules.example = "#timestamp [ns],filename";
+  const std::vector<std::string> columns = ColumnNames(table.header);
+  if (!columns.empty() && NamesTime(columns[0])) rules.named = UnitOfColumn(columns[0]);
+  CAIRN_ASSIGN_OR_RETURN(const TimeColumn times, ReadTimeColumn(list.string(), texts, rules));
+  if (!times.note.empty()) out->notes.push_back(times.note);
+  TimeOrder order;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    CAIRN_RETURN_IF_ERROR(order.Add(times.times_ns[i], list.string(), texts[i].line));
+    // Some name the folder too.
+    const fs::path folder = list.parent_path();
+    const bool from_list = !IsFile(folder / "data" / names[i]) && IsFile(folder / names[i]);
+    out->images.push_back({times.times_ns[i], ((from_list ? folder : folder / "data") / names[i]).string(), 0.0});
+  }
+  return absl::OkStatus();
+}
+
+int IndexIn(const fs::path& folder, const OpenOptions& options) {
+  return ChooseCamera(options, [&](int index) { return CameraFolder(folder, index).has_value(); });
 }
 
 }  // namespace
 
 bool LooksLikeEuroc(const fs::path& folder, const OpenOptions& options) {
-  return IsFolder(folder / "mav0") || CameraFolder(folder, options.camera_index).has_value();
+  return IsFolder(folder / "mav0") || CameraFolder(folder, IndexIn(folder, options)).has_value();
 }
 
 absl::StatusOr<SequenceFiles> ReadEuroc(const fs::path& folder, const OpenOptions& options) {
-  const std::optional<fs::path> camera_folder = CameraFolder(folder, options.camera_index);
+  const int index = IndexIn(folder, options);
+  const std::optional<fs::path> camera_folder = CameraFolder(folder, index);
   if (!camera_folder) {
     std::vector<std::string> there;
-    for (int i = 0; i < 16; ++i) {
+    for (int i = 0; i < kMaxCameras; ++i) {
       if (CameraFolder(folder, i)) there.push_back(absl::StrCat("cam", i));
     }
     return absl::NotFoundError(absl::StrCat(
-        "no camera ", options.camera_index, " in ", folder.string(), ": looked for mav0/cam", options.camera_index,
-        "/data.csv, cam", options.camera_index, "/data.csv and data.csv; ",
+        "no camera ", index, " in ", folder.string(), ": looked for mav0/cam", index, "/data.csv, cam", index,
+        "/data.csv and data.csv; ",
         there.empty() ? "no other camera is there" : absl::StrCat("there is ", absl::StrJoin(there, ", "))));
   }
   SequenceFiles out;
-  CAIRN_ASSIGN_OR_RETURN(out.images, ReadList(*camera_folder / "data.csv"));
+  if (index != 0) out.notes.push_back(absl::StrCat("camera ", index, ": ", camera_folder->string()));
   const fs::path sensor = *camera_folder / "sensor.yaml";
   const bool given = !options.camera_path.empty();
   if (IsFile(sensor) || !given) CAIRN_RETURN_IF_ERROR(ReadSensor(sensor.string(), !given, out));
@@ -115,6 +133,7 @@ absl::StatusOr<SequenceFiles> ReadEuroc(const fs::path& folder, const OpenOption
     out.camera = file.camera;
     if (file.rate_hz > 0.0) out.rate_hz = file.rate_hz;
   }
+  CAIRN_RETURN_IF_ERROR(ReadList(*camera_folder / "data.csv", &out));
   return out;
 }
 

@@ -227,7 +227,7 @@ absl::Status OpenOptions::Validate() const {
         absl::StrCat("until is ", until_s, " s but must be later than from, ", from_s, " s"));
   }
   if (stride < 1) return absl::InvalidArgumentError(absl::StrCat("stride is ", stride, " but must be at least 1"));
-  if (camera_index < 0 || camera_index > 15) {
+  if (camera_index < -1 || camera_index > 15) {
     return absl::InvalidArgumentError(absl::StrCat("camera index is ", camera_index, " but must be in 0 to 15"));
   }
   if (prefetch < 0 || prefetch > 10000) {
@@ -247,7 +247,7 @@ absl::StatusOr<std::unique_ptr<FrameSource>> OpenFolder(const std::string& path,
   }
   CAIRN_ASSIGN_OR_RETURN(const Format* const format, FindFormat(path, options));
   const bool several_cameras = format->format == SequenceFormat::kEuroc || format->format == SequenceFormat::kKitti;
-  if (options.camera_index != 0 && !several_cameras) {
+  if (options.camera_index > 0 && !several_cameras) {
     return absl::InvalidArgumentError(absl::StrCat("camera index is ", options.camera_index, " but ", path,
                                                    " is of format ", format->name,
                                                    ", which has one camera: leave the index out"));
@@ -273,6 +273,7 @@ absl::StatusOr<std::unique_ptr<FrameSource>> OpenFolder(const std::string& path,
   info.duration_s = ToSeconds(info.last_time_ns - info.first_time_ns);
   info.photometric = std::move(files.photometric);
   info.body_from_camera = files.body_from_camera;
+  info.notes = std::move(files.notes);
   return ListedFrameSource::Create(std::move(info), *std::move(selected), options.prefetch);
 }
 

@@ -28,8 +28,8 @@ struct OpenOptions {
   std::string camera_path;       // a camera.yaml to use instead of the sequence's own calibration
   std::string photometric_path;  // a folder with pcalib.txt, vignette.png, times.txt to use instead of the sequence's
   SequenceFormat format = SequenceFormat::kAuto;
-  int camera_index = 0;  // which of several cameras: EuRoC cam0, cam1; KITTI image_0..3
-  double from_s = 0.0;   // seconds from the first image, inclusive
+  int camera_index = -1;  // which of several cameras: EuRoC cam0, cam1; KITTI image_0..3; -1: the first that there is
+  double from_s = 0.0;    // seconds from the first image, inclusive
   double until_s = std::numeric_limits<double>::infinity();  // likewise, exclusive
   int stride = 1;                                            // every stride-th of the images from from_s on
   int prefetch = 8;  // images decoded ahead by a thread; 0: decode inside Next()
@@ -48,6 +48,8 @@ struct SourceInfo {
   double duration_s = 0.0;  // between those two
   std::optional<image::PhotometricCalibration> photometric;
   std::optional<SE3> body_from_camera;  // EuRoC's T_BS
+  // What was understood of the files that is not as usual, for people: units, names, what was left out, scales.
+  std::vector<std::string> notes;
 };
 
 struct SourceFrame {

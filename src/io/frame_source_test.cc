@@ -189,7 +189,9 @@ TEST(FrameSource, BrokenListsAndCalibrationsAreErrorsOfOpen) {
   folder.Write("times.txt", "soon images/0.png\n");
   EXPECT_THAT(OpenError(folder.str()), HasSubstr("times.txt:1: \"soon\" is not a time"));
   folder.Write("times.txt", "-9e9 images/0.png\n9e9 images/1.png\n");
-  EXPECT_THAT(OpenError(folder.str()), HasSubstr("times.txt:1"));
+  EXPECT_THAT(OpenError(folder.str()), HasSubstr("times.txt: the unit of the times is not clear"));
+  folder.Write("times.txt", "# seconds filename\n-9e9 images/0.png\n9e9 images/1.png\n");
+  EXPECT_THAT(OpenError(folder.str()), HasSubstr("times.txt:2: time -9000000000.000000000 s is out of range"));
   folder.Write("times.txt", "1 images/x.png\n2 images/y.png\n");
   EXPECT_THAT(OpenError(folder.str()), AllOf(HasSubstr("none of the 2"), HasSubstr("images/x.png")));
 
@@ -271,8 +273,8 @@ TEST(FrameSource, EurocDamage) {
   folder.Write("cam0/sensor.yaml", good);
   folder.Write("cam0/data.csv", "#t,f\n1403715273312143104,a.png\n1403715273262142976,b.png\n");
   EXPECT_THAT(OpenError(folder.str()), HasSubstr("data.csv:3"));
-  folder.Write("cam0/data.csv", "#t,f\n1403715273.3,a.png\n");
-  EXPECT_THAT(OpenError(folder.str()), HasSubstr("data.csv:2: \"1403715273.3\" is not a time in whole nanoseconds"));
+  folder.Write("cam0/data.csv", "#t,f\nsoon,a.png\n");
+  EXPECT_THAT(OpenError(folder.str()), HasSubstr("data.csv:2: \"soon\" is not a time in nanoseconds"));
   folder.Write("cam0/data.csv", "");
   EXPECT_THAT(OpenError(folder.str()), HasSubstr("lists no images"));
   folder.Write("cam0/data.csv", "1403715273262142976\n");  // the name follows from the time
@@ -336,6 +338,105 @@ TEST(FrameSource, Kitti) {
   EXPECT_THAT(OpenError(folder.str()), HasSubstr("calib.txt:1: P0: must have 12 numbers"));
   folder.Write("calib.txt", "P2: 1 2 3\n");
   EXPECT_THAT(OpenError(folder.str()), HasSubstr("has no line P0:"));
+}
+
+TEST(FrameSource, EurocTimesInSecondsAndQuotedFieldsAreTold) {
+  const TestingFolder folder;
+  WriteEurocCamera(folder, "cam0", "");
+  const std::string good = folder.Read("cam0/data.csv");
+  folder.Write("cam0/data.csv",
+               "\"timestamp\",\"filename\"\n\"1403715273.262142976\",\"1403715273262142976.png\"\n"
+               "\"1403715273.312143104\",\"1403715273312143104.png\"\n");
+  const auto source = MustOpen(folder.str());
+  ASSERT_NE(source, nullptr);
+  EXPECT_EQ(source->info().first_time_ns, 1403715273262142976);
+  EXPECT_THAT(source->info().notes, ElementsAre(HasSubstr("data.csv: the times are seconds, since 1970")));
+  for (const SourceFrame& frame : All(*source)) EXPECT_TRUE(frame.status.ok()) << frame.status;
+  folder.Write("cam0/data.csv", good);
+  EXPECT_THAT(MustOpen(folder.str())->info().notes, ElementsAre());
+}
+
+TEST(FrameSource, ListsOfOtherMachines) {
+  const TestingFolder folder;
+  WriteTimesFolder(folder);
+  const auto notes_of = [&](const std::string& list) {
+    folder.Write("times.txt", list);
+    const auto source = MustOpen(folder.str());
+    if (source == nullptr) return std::vector<std::string>();
+    for (const SourceFrame& frame : All(*source)) EXPECT_TRUE(frame.status.ok()) << frame.status;
+    return source->info().notes;
+  };
+  EXPECT_THAT(notes_of("1.0 images\\0.png\n1.1 images\\1.png\n"),
+              ElementsAre(HasSubstr("is taken to be images/0.png")));
+  EXPECT_THAT(notes_of("1.0 \"images/0.png\"\n1.1 \"images/1.png\"\n"), ElementsAre(HasSubstr("images/0.png")));
+  EXPECT_THAT(notes_of("\"1.0\",\"images/0.png\"\n\"1.1\",\"images/1.png\"\n"), ElementsAre(HasSubstr("images/0.png")));
+  EXPECT_THAT(notes_of("1.0;images/0.png\n1.1;images/1.png\n"), ElementsAre());
+  EXPECT_THAT(notes_of("1.0 C:\\me\\images\\0.png\n1.1 C:\\me\\images\\1.png\n"),
+              ElementsAre(HasSubstr("images/0.png")));
+  EXPECT_THAT(notes_of("1.0 /home/me/images/0.png 1.0 depth/0.png\n1.1 /home/me/images/1.png 1.1 depth/1.png\n"),
+              ElementsAre(HasSubstr("images/0.png")));
+  EXPECT_THAT(notes_of("timestamp,filename\n1.0,images/0.png\n1.1,images/1.png\n"), ElementsAre());
+}
+
+TEST(FrameSource, UnitsOfTimesAreCheckedAgainstTheRate) {
+  const TestingFolder folder;
+  WriteTimesFolder(folder);
+  const auto list = [](std::initializer_list<const char*> times) {
+    std::string text;
+    int i = 0;
+    for (const char* time : times) absl::StrAppend(&text, time, " images/", i++, ".png\n");
+    return text;
+  };
+  const auto opened = [&](const std::string& text) {
+    folder.Write("times.txt", text);
+    return MustOpen(folder.str());
+  };
+  auto source = opened(list({"0", "100", "200"}));  // the camera file says 10 Hz
+  EXPECT_EQ(source->info().last_time_ns, 200'000'000);
+  EXPECT_THAT(source->info().notes, ElementsAre(HasSubstr("milliseconds, by the 10 Hz")));
+  source = opened(list({"0", "1", "2", "3"}));
+  EXPECT_EQ(source->info().last_time_ns, 300'000'000);
+  EXPECT_THAT(source->info().notes, ElementsAre(HasSubstr("frame numbers")));
+  source = opened("# time_us filename\n" + list({"0", "100000", "200000"}));
+  EXPECT_EQ(source->info().last_time_ns, 200'000'000);
+  source = opened(list({"0.0", "0.5", "1.0"}));
+  EXPECT_EQ(source->info().last_time_ns, 1'000'000'000);
+  EXPECT_THAT(source->info().notes, ElementsAre(HasSubstr("the camera file says 10 Hz; the times are used")));
+  folder.Write("times.txt", list({"0", "33", "66"}));
+  EXPECT_THAT(OpenError(folder.str()), AllOf(HasSubstr("33 s apart (0.0303 Hz)"), HasSubstr("in milliseconds 0.033 s"),
+                                             HasSubstr("`# time [ms] filename`")));
+  folder.Write("camera.yaml", "model: pinhole\nresolution_px: [32, 24]\nintrinsics_px: [30, 30, 15.5, 11.5]\n");
+  for (const auto& times : {list({"0", "33", "67", "100"}), list({"0", "33.4", "66.7"}), list({"0", "1", "2", "3"})}) {
+    folder.Write("times.txt", times);
+    EXPECT_THAT(OpenError(folder.str()), AllOf(HasSubstr("not clear"), HasSubstr("rate_hz")));
+  }
+}
+
+TEST(FrameSource, TheOnlyColourCameraOfKitti) {
+  const TestingFolder folder;
+  folder.Write("calib.txt", "P0: 71 0 16 0 0 71 12 0 0 0 1 0\nP2: 70 0 15 44 0 69 11 0 0 0 1 0\n");
+  folder.Write("times.txt", "0\n0.1\n0.2\n");
+  for (int i = 0; i < 3; ++i) folder.WriteImage(absl::StrFormat("image_2/%06d.png", i), i);
+  const auto source = MustOpen(folder.str());
+  ASSERT_NE(source, nullptr);
+  EXPECT_EQ(source->info().format, SequenceFormat::kKitti);
+  EXPECT_EQ(source->info().camera.fx_px, 70.0);
+  EXPECT_THAT(source->info().notes, ElementsAre(HasSubstr("image_2/ is used, with P2")));
+  OpenOptions options;
+  options.camera_index = 0;
+  EXPECT_THAT(OpenError(folder.str(), options), HasSubstr("image_0"));
+}
+
+TEST(FrameSource, KittiImagesWithoutZerosInFront) {
+  const TestingFolder folder;
+  folder.Write("calib.txt", "P0: 71 0 16 0 0 71 12 0 0 0 1 0\n");
+  std::string times;
+  for (int i = 0; i < 12; ++i) {
+    folder.WriteImage(absl::StrCat("image_0/", i, ".png"), i);
+    absl::StrAppend(&times, 0.1 * i, "\n");
+  }
+  folder.Write("times.txt", times);
+  EXPECT_THAT(All(*MustOpen(folder.str()))[10].path, HasSubstr("/10.png"));
 }
 
 class TumMono : public ::testing::Test {

@@ -1,7 +1,8 @@
-// A plain folder of images (or its subfolder images/) with a camera.yaml that says rate_hz: image i of the sorted names
-// is taken at i / rate_hz seconds.
+// A plain folder of images (or its subfolder images/) with a camera.yaml that says rate_hz: image i in the order of
+// their numbers is taken at i / rate_hz seconds.
 #include <cmath>
 
+#include "io/image_series.h"
 #include "io/sequence_readers.h"
 
 namespace cairn::io {
@@ -13,13 +14,8 @@ bool LooksLikeImages(const fs::path& folder, const OpenOptions&) {
 }
 
 absl::StatusOr<SequenceFiles> ReadImages(const fs::path& folder, const OpenOptions& options) {
-  fs::path where = folder;
-  std::vector<std::string> names = ImageNamesIn(where);
-  if (names.empty()) {
-    where = folder / "images";
-    names = ImageNamesIn(where);
-  }
-  if (names.empty()) {
+  const fs::path where = ImageNamesIn(folder).empty() ? folder / "images" : folder;
+  if (ImageNamesIn(where).empty()) {
     return absl::NotFoundError(
         absl::StrCat("no image files (png, jpg, bmp, pgm, ppm, tif, webp) in ", folder.string(), " or its images/"));
   }
@@ -29,6 +25,9 @@ absl::StatusOr<SequenceFiles> ReadImages(const fs::path& folder, const OpenOptio
         absl::StrCat("the images in ", where.string(), " have no times; add `rate_hz: 30`, say, to the camera file"));
   }
   SequenceFiles out;
+  CAIRN_ASSIGN_OR_RETURN(ImageSeries series, FindImageSeries(where, {file.camera.width_px, file.camera.height_px}));
+  const std::vector<std::string>& names = series.names;
+  out.notes = std::move(series.notes);
   out.camera = file.camera;
   out.rate_hz = file.rate_hz;
   for (std::size_t i = 0; i < names.size(); ++i) {

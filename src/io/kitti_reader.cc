@@ -7,7 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "io/sequence_readers.h"
 #include "io/text_lines.h"
-#include "io/time_text.h"
+#include "io/time_column.h"
 
 namespace cairn::io {
 namespace {
@@ -45,51 +45,77 @@ absl::StatusOr<cv::Size> SizeOf(const std::vector<ListedImage>& images) {
   return Annotate(first_error, "no image can be read");
 }
 
+fs::path ImageFolder(const fs::path& folder, int index) { return folder / absl::StrCat("image_", index); }
+
+int IndexIn(const fs::path& folder, const OpenOptions& options) {
+  return ChooseCamera(options, [&](int index) { return IsFolder(ImageFolder(folder, index)); });
+}
+
+// A time a line, of which further columns are none of our business.
+absl::Status ReadTimes(const std::string& path, const std::vector<std::string>& names, const fs::path& image_folder,
+                       SequenceFiles* out) {
+  CAIRN_ASSIGN_OR_RETURN(const TextTable table, ReadTable(path));
+  if (table.lines.empty()) return absl::NotFoundError(absl::StrCat(path, " holds no times"));
+  std::vector<TimeText> texts;
+  for (const TextLine& line : table.lines) texts.push_back({line.number, SplitFields(line.text)[0]});
+  TimeColumnRules rules;
+  rules.rate_hz = out->rate_hz;
+  rules.example = "# time [ms]";
+  const std::vector<std::string> columns = ColumnNames(table.header);
+  if (columns.size() == 1 && NamesTime(columns[0])) rules.named = UnitOfColumn(columns[0]);
+  CAIRN_ASSIGN_OR_RETURN(const TimeColumn times, ReadTimeColumn(path, texts, rules));
+  if (!times.note.empty()) out->notes.push_back(times.note);
+  // The number of an image is its place, with whatever zeros in front.
+  std::map<std::int64_t, std::string> name_of_number;
+  for (const std::string& name : names) {
+    std::int64_t number;
+    if (absl::SimpleAtoi(fs::path(name).stem().string(), &number)) name_of_number[number] = name;
+  }
+  const std::string extension = fs::path(names[0]).extension().string();
+  TimeOrder order;
+  std::size_t used = 0;
+  for (std::size_t i = 0; i < texts.size(); ++i) {
+    CAIRN_RETURN_IF_ERROR(order.Add(times.times_ns[i], path, texts[i].line));
+    const auto found = name_of_number.find(static_cast<std::int64_t>(i));
+    used += found != name_of_number.end() ? 1 : 0;
+    const std::string name = found != name_of_number.end() ? found->second : absl::StrFormat("%06d", i) + extension;
+    out->images.push_back({times.times_ns[i], (image_folder / name).string(), 0.0});
+  }
+  if (used < names.size()) {
+    return absl::InvalidArgumentError(absl::StrCat(image_folder.string(), " has ", names.size(), " images but ", path,
+                                                   " times for ", used, " of them; both must belong to one sequence"));
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 bool LooksLikeKitti(const fs::path& folder, const OpenOptions& options) {
-  return IsFile(folder / "times.txt") && (IsFolder(folder / absl::StrCat("image_", options.camera_index)) ||
-                                          (IsFile(folder / "calib.txt") && IsFolder(folder / "image_0")));
+  if (!IsFile(folder / "times.txt")) return false;
+  // Whichever was asked for: what there is makes the format.
+  return IsFolder(ImageFolder(folder, IndexIn(folder, options))) || IsFolder(ImageFolder(folder, IndexIn(folder, {})));
 }
 
 absl::StatusOr<SequenceFiles> ReadKitti(const fs::path& folder, const OpenOptions& options) {
-  const fs::path image_folder = folder / absl::StrCat("image_", options.camera_index);
-  const std::string times_path = (folder / "times.txt").string();
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> lines, ReadDataLines(times_path));
+  const int index = IndexIn(folder, options);
+  const fs::path image_folder = ImageFolder(folder, index);
   const std::vector<std::string> names = ImageNamesIn(image_folder);
-  if (lines.empty() || names.empty()) {
-    return absl::NotFoundError(lines.empty() ? absl::StrCat(times_path, " holds no times")
-                                             : absl::StrCat("no images in ", image_folder.string()));
-  }
-  std::map<std::string, std::string> name_of_stem;
-  for (const std::string& name : names) name_of_stem[fs::path(name).stem().string()] = name;
-  const std::string extension = fs::path(names[0]).extension().string();
+  if (names.empty()) return absl::NotFoundError(absl::StrCat("no images in ", image_folder.string()));
   SequenceFiles out;
-  TimeOrder order;
-  std::size_t used = 0;
-  for (std::size_t i = 0; i < lines.size(); ++i) {
-    const absl::StatusOr<TimeNs> time_ns = ParseSeconds(SplitFields(lines[i].text)[0]);
-    if (!time_ns.ok()) return LineError(times_path, lines[i].number, time_ns.status().message());
-    CAIRN_RETURN_IF_ERROR(order.Add(*time_ns, times_path, lines[i].number));
-    const std::string stem = absl::StrFormat("%06d", i);
-    const auto found = name_of_stem.find(stem);
-    used += found != name_of_stem.end() ? 1 : 0;
-    const std::string name = found != name_of_stem.end() ? found->second : stem + extension;
-    out.images.push_back({*time_ns, (image_folder / name).string(), 0.0});
-  }
-  if (used < names.size()) {
-    return absl::InvalidArgumentError(absl::StrCat(image_folder.string(), " has ", names.size(), " images but ",
-                                                   times_path, " times for ", used,
-                                                   " of them; both must belong to one sequence"));
-  }
-  if (!options.camera_path.empty()) {
-    CAIRN_ASSIGN_OR_RETURN(const CameraFile file, LoadCamera(options.camera_path));
+  const std::string calib_path = (folder / "calib.txt").string();
+  const bool own = options.camera_path.empty() && (IsFile(calib_path) || !IsFile(folder / "camera.yaml"));
+  if (!own) {
+    CAIRN_ASSIGN_OR_RETURN(const CameraFile file, GivenCamera(folder, options));
     out.camera = file.camera;
     out.rate_hz = file.rate_hz;
-    return out;
   }
-  const std::string calib_path = (folder / "calib.txt").string();
-  CAIRN_ASSIGN_OR_RETURN(out.camera, ReadProjection(calib_path, options.camera_index));
+  CAIRN_RETURN_IF_ERROR(ReadTimes((folder / "times.txt").string(), names, image_folder, &out));
+  if (options.camera_index < 0 && index != 0) {
+    out.notes.push_back(absl::StrCat(folder.string(), ": there is no image_0/; image_", index, "/ is used",
+                                     own ? absl::StrCat(", with P", index, " of calib.txt") : ""));
+  }
+  if (!own) return out;
+  CAIRN_ASSIGN_OR_RETURN(out.camera, ReadProjection(calib_path, index));
   CAIRN_ASSIGN_OR_RETURN(const cv::Size size, SizeOf(out.images));
   out.camera.width_px = size.width;
   out.camera.height_px = size.height;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -25,6 +26,7 @@ struct SequenceFiles {
   double rate_hz = 0.0;  // 0: not said
   std::optional<image::PhotometricCalibration> photometric;
   std::optional<SE3> body_from_camera;
+  std::vector<std::string> notes;  // what was understood that is not as usual, for people
 };
 
 // Whether a folder has what tells the format from the others. The first that says yes, in this order, is taken.
@@ -50,10 +52,16 @@ bool IsFolder(const std::filesystem::path& path);
 // The calibration of formats that have none of their own: options.camera_path or camera.yaml in the folder.
 absl::StatusOr<CameraFile> GivenCamera(const std::filesystem::path& folder, const OpenOptions& options);
 
-// Lines of `seconds filename` (TUM RGB-D's rgb.txt, times.txt); file names are relative to the list's folder.
-absl::StatusOr<std::vector<ListedImage>> ReadTimedList(const std::filesystem::path& list);
+// Lines of `seconds filename` (TUM RGB-D's rgb.txt, times.txt); file names are relative to the list's folder. Also with
+// times in other units, quotes, backslashes, or the folders of another machine in front; `out->notes` tells. The rate
+// of `out` is that of the camera file.
+absl::Status ReadTimedList(const std::filesystem::path& list, SequenceFiles* out);
 
-// The names of the image files in a folder, in the order of their bytes; empty if there is no such folder.
+// The names of the image files in a folder, in natural order (image_series.h); empty if there is no such folder.
 std::vector<std::string> ImageNamesIn(const std::filesystem::path& folder);
+
+// The camera to read: the one that was asked for, or the first that `there_is`.
+int ChooseCamera(const OpenOptions& options, const std::function<bool(int)>& there_is);
+constexpr int kMaxCameras = 16;
 
 }  // namespace cairn::io

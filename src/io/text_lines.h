@@ -18,8 +18,21 @@ struct TextLine {
 // The lines that hold data: not empty, not starting with `#`. A byte order mark is dropped. NotFound names the file.
 absl::StatusOr<std::vector<TextLine>> ReadDataLines(const std::string& path);
 
-// The fields of a line, separated by blanks, tabs or commas; at least one, which may be empty.
+struct TextTable {
+  // What the file says of its columns: the last comment before the data, or a first line in which nothing is a number,
+  // as csv files have it. Empty: nothing.
+  std::string header;
+  std::vector<TextLine> lines;
+};
+absl::StatusOr<TextTable> ReadTable(const std::string& path);
+
+// The fields of a line, separated by blanks, tabs or commas, or by semicolons where there are any; at least one, which
+// may be empty. Quotes around a field are dropped.
 std::vector<absl::string_view> SplitFields(absl::string_view text);
+
+// The names of the columns in a header, in lower case, each with the unit behind it: "timestamp [ns]". Names are
+// separated by commas if there are any, or else by blanks. What follows a colon is a remark.
+std::vector<std::string> ColumnNames(absl::string_view header);
 
 // "path:number: message", InvalidArgument.
 absl::Status LineError(const std::string& path, int number, absl::string_view message);

@@ -9,9 +9,15 @@
 
 namespace cairn::io {
 
-// "1403715273.262142976", "33.3", "1.036000e-01": seconds to nanoseconds, digits beyond the ninth rounded half away
-// from zero.
-absl::StatusOr<TimeNs> ParseSeconds(absl::string_view text);
+enum class TimeUnit { kSeconds, kMilliseconds, kMicroseconds, kNanoseconds, kFrames };
+
+// "seconds", "milliseconds", "microseconds", "nanoseconds", "frame numbers".
+absl::string_view TimeUnitName(TimeUnit unit);
+
+// "1403715273.262142976", "33.3", "1.036000e-01" in a unit, which is not kFrames, to nanoseconds; what is less than one
+// is rounded half away from zero.
+absl::StatusOr<TimeNs> ParseTime(absl::string_view text, TimeUnit unit);
+inline absl::StatusOr<TimeNs> ParseSeconds(absl::string_view text) { return ParseTime(text, TimeUnit::kSeconds); }
 
 // "1403715273262142976": whole nanoseconds.
 absl::StatusOr<TimeNs> ParseNanoseconds(absl::string_view text);

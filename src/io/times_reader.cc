@@ -7,10 +7,10 @@ bool LooksLikeTimes(const std::filesystem::path& folder, const OpenOptions&) { r
 
 absl::StatusOr<SequenceFiles> ReadTimes(const std::filesystem::path& folder, const OpenOptions& options) {
   SequenceFiles out;
-  CAIRN_ASSIGN_OR_RETURN(out.images, ReadTimedList(folder / "times.txt"));
   CAIRN_ASSIGN_OR_RETURN(const CameraFile file, GivenCamera(folder, options));
   out.camera = file.camera;
   out.rate_hz = file.rate_hz;
+  CAIRN_RETURN_IF_ERROR(ReadTimedList(folder / "times.txt", &out));
   return out;
 }
 

@@ -4,11 +4,11 @@
 #include <cmath>
 #include <filesystem>
 
-#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "io/atomic_file.h"
 #include "io/text_lines.h"
+#include "io/trajectory_layout.h"
 
 namespace cairn::io {
 namespace {
@@ -41,107 +41,120 @@ absl::StatusOr<SE3> PoseFrom(const Vector3d& position, const Quaterniond& rotati
   return SE3(rotation, position);
 }
 
-// One row after another; `parse` gives the time and the pose, or no pose for a row with NaN.
-template <class Parse>
-absl::StatusOr<Trajectory> ReadRows(const std::string& path, std::size_t min_columns, absl::string_view columns,
-                                    const Parse& parse) {
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> lines, ReadDataLines(path));
-  if (lines.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " holds no poses; expected lines of `", columns, "`"));
+// KITTI's times stand beside the poses, or where the data set has them: poses/00.txt, sequences/00/times.txt.
+std::optional<std::string> TimesBeside(const std::string& path) {
+  const std::filesystem::path file(path), folder = file.parent_path();
+  std::error_code ignored;
+  for (const std::filesystem::path& times :
+       {folder / "times.txt", folder / ".." / "sequences" / file.stem() / "times.txt"}) {
+    if (std::filesystem::is_regular_file(times, ignored)) return times.lexically_normal().string();
   }
-  Trajectory out;
-  for (const TextLine& line : lines) {
+  return std::nullopt;
+}
+
+// The times of poses that stand in a list of their own, of which further columns are file names or exposures.
+absl::StatusOr<std::vector<TimeNs>> TimesOf(const std::string& path, std::size_t num_poses, Trajectory* out) {
+  const std::optional<std::string> beside = TimesBeside(path);
+  if (!beside) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path,
+                     " holds poses as matrices (KITTI) without times: put their times.txt, a time a line, beside it, "
+                     "or a time in front of each line"));
+  }
+  CAIRN_ASSIGN_OR_RETURN(const TextTable table, ReadTable(*beside));
+  std::vector<TimeText> texts;
+  for (const TextLine& line : table.lines) texts.push_back({line.number, SplitFields(line.text)[0]});
+  if (texts.size() < num_poses) {
+    return LineError(path, static_cast<int>(texts.size()) + 1,
+                     absl::StrCat("no time for this pose: ", *beside, " has ", texts.size(), " lines"));
+  }
+  if (texts.size() > num_poses) {
+    out->notes.push_back(absl::StrCat(path, ": ", num_poses, " poses, but ", texts.size(), " times in ", *beside,
+                                      ": taken for the first of them"));
+  }
+  TimeColumnRules rules;
+  rules.of_images = false;
+  rules.example = "# time [ms]";
+  CAIRN_ASSIGN_OR_RETURN(TimeColumn times, ReadTimeColumn(*beside, texts, rules));
+  if (!times.note.empty()) out->notes.push_back(times.note);
+  return std::move(times.times_ns);
+}
+
+absl::StatusOr<SE3> MatrixPose(const double* numbers) {
+  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> m(numbers);
+  const Matrix3d rotation = m.leftCols<3>();
+  if ((rotation * rotation.transpose() - Matrix3d::Identity()).norm() > 0.1 || rotation.determinant() < 0) {
+    return absl::InvalidArgumentError("the first three columns of the 3x4 matrix are not a rotation");
+  }
+  return SE3(rotation, m.col(3));
+}
+
+// The pose of a line; none where a number is NaN.
+absl::StatusOr<std::optional<SE3>> PoseOf(const Fields& fields, const TrajectoryLayout& layout) {
+  std::array<double, 12> n{};
+  if (layout.matrix_column) {
+    CAIRN_RETURN_IF_ERROR(ReadNumbers(fields, static_cast<std::size_t>(*layout.matrix_column), 12, n.data()));
+    if (AnyNan(n.data(), 12)) return std::optional<SE3>();
+    CAIRN_ASSIGN_OR_RETURN(const SE3 pose, MatrixPose(n.data()));
+    return std::optional<SE3>(pose);
+  }
+  for (std::size_t i = 0; i < layout.columns.size(); ++i) {
+    CAIRN_RETURN_IF_ERROR(ReadNumbers(fields, static_cast<std::size_t>(layout.columns[i]), 1, &n[i]));
+  }
+  if (AnyNan(n.data(), 7)) return std::optional<SE3>();
+  CAIRN_ASSIGN_OR_RETURN(const SE3 pose, PoseFrom({n[0], n[1], n[2]}, Quaterniond(n[6], n[3], n[4], n[5])));
+  return std::optional<SE3>(pose);
+}
+
+absl::StatusOr<std::vector<TimeNs>> TimesIn(const std::string& path, const TextTable& table,
+                                            const TrajectoryLayout& layout, Trajectory* out) {
+  std::vector<TimeText> texts;
+  for (const TextLine& line : table.lines) {
     const Fields fields = SplitFields(line.text);
-    if (fields.size() < min_columns) {
-      return LineError(path, line.number,
-                       absl::StrCat(fields.size(), " columns instead of ", min_columns, ", `", columns, "`"));
+    if (static_cast<int>(fields.size()) < layout.num_columns) {
+      return LineError(
+          path, line.number,
+          absl::StrCat(fields.size(), " columns instead of ", layout.num_columns, ", `", layout.Describe(), "`"));
     }
-    StampedPose pose;
-    const absl::StatusOr<bool> has_pose = parse(fields, out.num_rows, pose);
-    if (!has_pose.ok()) return LineError(path, line.number, has_pose.status().message());
-    if (*has_pose) {
-      out.poses.push_back(pose);
-      out.rows.push_back(out.num_rows);
+    if (layout.time_column) texts.push_back({line.number, fields[static_cast<std::size_t>(*layout.time_column)]});
+  }
+  if (!layout.time_column) return TimesOf(path, table.lines.size(), out);
+  TimeColumnRules rules;
+  rules.usual = layout.usual_unit;
+  rules.named = layout.named_unit;
+  rules.of_images = false;
+  rules.example = "# t_ms tx ty tz qx qy qz qw";
+  CAIRN_ASSIGN_OR_RETURN(TimeColumn times, ReadTimeColumn(path, texts, rules));
+  out->time_unit = times.unit;
+  out->counts_frames = times.counts;
+  if (!times.note.empty()) out->notes.push_back(times.note);
+  return std::move(times.times_ns);
+}
+
+}  // namespace
+
+absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path, bool may_be_empty) {
+  CAIRN_ASSIGN_OR_RETURN(const TextTable table, ReadTable(path));
+  Trajectory out;
+  if (table.lines.empty()) {
+    if (may_be_empty) return out;
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, " holds no poses; expected lines of `", TrajectoryLayout().Describe(), "`"));
+  }
+  CAIRN_ASSIGN_OR_RETURN(const TrajectoryLayout layout, FindTrajectoryLayout(path, table));
+  out.format = layout.format;
+  if (!layout.note.empty()) out.notes.push_back(absl::StrCat(path, ": ", layout.note));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<TimeNs> times_ns, TimesIn(path, table, layout, &out));
+  for (std::size_t row = 0; row < table.lines.size(); ++row) {
+    const absl::StatusOr<std::optional<SE3>> pose = PoseOf(SplitFields(table.lines[row].text), layout);
+    if (!pose.ok()) return LineError(path, table.lines[row].number, pose.status().message());
+    if (pose->has_value()) {
+      out.poses.push_back({times_ns[row], **pose});
+      out.rows.push_back(static_cast<std::int64_t>(row));
     }
     ++out.num_rows;
   }
   return out;
-}
-
-bool IsIntegerTime(absl::string_view text) { return text.size() >= 15 && !absl::StrContains(text, '.'); }
-
-}  // namespace
-
-absl::StatusOr<Trajectory> ReadTumTrajectory(const std::string& path) {
-  return ReadRows(path, 8, "t tx ty tz qx qy qz qw",
-                  [](const Fields& fields, std::int64_t, StampedPose& pose) -> absl::StatusOr<bool> {
-                    std::array<double, 7> n;
-                    CAIRN_ASSIGN_OR_RETURN(pose.time_ns, ParseSeconds(fields[0]));
-                    CAIRN_RETURN_IF_ERROR(ReadNumbers(fields, 1, 7, n.data()));
-                    if (AnyNan(n.data(), 7)) return false;
-                    CAIRN_ASSIGN_OR_RETURN(pose.world_from_camera,
-                                           PoseFrom({n[0], n[1], n[2]}, Quaterniond(n[6], n[3], n[4], n[5])));
-                    return true;
-                  });
-}
-
-absl::StatusOr<Trajectory> ReadEurocTrajectory(const std::string& path) {
-  absl::StatusOr<Trajectory> out =
-      ReadRows(path, 8, "ns, x, y, z, qw, qx, qy, qz",
-               [](const Fields& fields, std::int64_t, StampedPose& pose) -> absl::StatusOr<bool> {
-                 std::array<double, 7> n;
-                 CAIRN_ASSIGN_OR_RETURN(pose.time_ns, ParseNanoseconds(fields[0]));
-                 CAIRN_RETURN_IF_ERROR(ReadNumbers(fields, 1, 7, n.data()));
-                 if (AnyNan(n.data(), 7)) return false;
-                 CAIRN_ASSIGN_OR_RETURN(pose.world_from_camera,
-                                        PoseFrom({n[0], n[1], n[2]}, Quaterniond(n[3], n[4], n[5], n[6])));
-                 return true;
-               });
-  if (out.ok()) out->format = TrajectoryFormat::kEuroc;
-  return out;
-}
-
-absl::StatusOr<Trajectory> ReadKittiTrajectory(const std::string& path, const std::string& times_path) {
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> times, ReadDataLines(times_path));
-  absl::StatusOr<Trajectory> out = ReadRows(
-      path, 12, "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz",
-      [&](const Fields& fields, std::int64_t row, StampedPose& pose) -> absl::StatusOr<bool> {
-        if (row >= static_cast<std::int64_t>(times.size())) {
-          return absl::InvalidArgumentError(
-              absl::StrCat("no time for this pose: ", times_path, " has ", times.size(), " lines"));
-        }
-        const absl::StatusOr<TimeNs> time_ns = ParseSeconds(SplitFields(times[row].text)[0]);
-        if (!time_ns.ok()) return LineError(times_path, times[row].number, time_ns.status().message());
-        pose.time_ns = *time_ns;
-        std::array<double, 12> n;
-        CAIRN_RETURN_IF_ERROR(ReadNumbers(fields, 0, 12, n.data()));
-        if (AnyNan(n.data(), 12)) return false;
-        const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> m(n.data());
-        const Matrix3d rotation = m.leftCols<3>();
-        if ((rotation * rotation.transpose() - Matrix3d::Identity()).norm() > 0.1 || rotation.determinant() < 0) {
-          return absl::InvalidArgumentError("the first three columns of the 3x4 matrix are not a rotation");
-        }
-        pose.world_from_camera = SE3(rotation, m.col(3));
-        return true;
-      });
-  if (out.ok()) out->format = TrajectoryFormat::kKitti;
-  return out;
-}
-
-absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path, bool may_be_empty) {
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> lines, ReadDataLines(path));
-  if (lines.empty() && may_be_empty) return Trajectory();
-  if (!lines.empty()) {
-    const Fields fields = SplitFields(lines[0].text);
-    if (absl::StrContains(lines[0].text, ',') && IsIntegerTime(fields[0])) {
-      return ReadEurocTrajectory(path);
-    }
-    const std::filesystem::path times = std::filesystem::path(path).parent_path() / "times.txt";
-    std::error_code ignored;
-    if (fields.size() == 12 && std::filesystem::exists(times, ignored))
-      return ReadKittiTrajectory(path, times.string());
-  }
-  return ReadTumTrajectory(path);
 }
 
 std::string FormatTumLine(const StampedPose& pose) {

@@ -26,22 +26,24 @@ struct Trajectory {
   std::vector<std::int64_t> rows;  // of each pose: its place among all data rows, from 0
   std::int64_t num_rows = 0;       // with and without a pose
   TrajectoryFormat format = TrajectoryFormat::kTum;
+  TimeUnit time_unit = TimeUnit::kSeconds;  // of the file
+  bool counts_frames = false;  // perhaps: the times are whole numbers one apart, and were taken for seconds
+  // What was understood that is not as usual, for people, each with the file's name: "x.csv: the times are ...".
+  std::vector<std::string> notes;
 
   std::int64_t num_nan_rows() const { return num_rows - static_cast<std::int64_t>(poses.size()); }
 };
 
 // TUM format `t tx ty tz qx qy qz qw` in seconds and metres; further columns are ignored, `#` starts a comment line,
-// columns are separated by blanks or commas. Errors name file and line.
-absl::StatusOr<Trajectory> ReadTumTrajectory(const std::string& path);
-
+// columns are separated by blanks, commas or semicolons. Errors name file and line.
+//
 // EuRoC ground truth `ns, x, y, z, qw, qx, qy, qz, ...`. The pose is that of the body, not of a camera.
-absl::StatusOr<Trajectory> ReadEurocTrajectory(const std::string& path);
-
-// KITTI poses, 12 numbers a line: the upper three rows of world_from_camera; times from `times_path`, one a line.
-absl::StatusOr<Trajectory> ReadKittiTrajectory(const std::string& path, const std::string& times_path);
-
-// Any of these: `.csv` or nanosecond times with commas are EuRoC; 12 columns are KITTI, with times.txt beside the file.
-// A file without any pose is an error unless it `may_be_empty`.
+//
+// KITTI poses, 12 numbers a line: the upper three rows of world_from_camera; or 16, all of it; times from times.txt
+// beside the file, one a line, or from a first column.
+//
+// Any of these is told from the others by all that the file says (trajectory_layout.h). A file without any pose is an
+// error unless it `may_be_empty`.
 absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path, bool may_be_empty = false);
 
 struct TrajectoryWriteOptions {

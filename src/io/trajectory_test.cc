@@ -9,6 +9,7 @@
 namespace cairn::io {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
@@ -45,7 +46,7 @@ TEST(Trajectory, TumToleratesCommentsCommasExtraColumnsAndNan) {
   folder.Write("a.txt",
                "\xEF\xBB\xBF# comment\r\n\r\n1.5 1 2 3 0 0 0 1 9000 0\r\n2 nan NaN nan nan nan nan nan\n"
                "0.5,4,5,6,0,0,1,0\n  3\t7 8 9 0 0 0.7 0.7\n");
-  const auto read = ReadTumTrajectory(folder / "a.txt");
+  const auto read = ReadTrajectory(folder / "a.txt");
   ASSERT_TRUE(read.ok()) << read.status();
   ASSERT_EQ(read->poses.size(), 3u);
   EXPECT_EQ(read->num_rows, 4);
@@ -61,7 +62,7 @@ TEST(Trajectory, TumErrorsNameTheLine) {
   const TestingFolder folder;
   const auto error = [&](absl::string_view text) {
     folder.Write("a.txt", text);
-    const auto read = ReadTumTrajectory(folder / "a.txt");
+    const auto read = ReadTrajectory(folder / "a.txt");
     EXPECT_FALSE(read.ok());
     return std::string(read.status().message());
   };
@@ -75,7 +76,7 @@ TEST(Trajectory, TumErrorsNameTheLine) {
   ASSERT_TRUE(empty.ok()) << empty.status();
   EXPECT_TRUE(empty->poses.empty());
   EXPECT_THAT(error(",\n"), HasSubstr("a.txt:1"));
-  EXPECT_EQ(ReadTumTrajectory(folder / "none.txt").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(ReadTrajectory(folder / "none.txt").status().code(), absl::StatusCode::kNotFound);
   EXPECT_FALSE(ReadTrajectory(folder.str()).ok());
 }
 
@@ -93,7 +94,7 @@ TEST(Trajectory, EurocGroundTruth) {
   EXPECT_NEAR(read->poses[0].world_from_camera.rotation().z(), -0.553641, 1e-5);
   EXPECT_EQ(read->poses[1].world_from_camera.translation(), Vector3d(1, 2, 3));
   folder.Write("bad.csv", "1403715274302142976,1,2,3,1,0,0,0\n1.5,1,2,3,1,0,0,0\n");
-  EXPECT_THAT(std::string(ReadEurocTrajectory(folder / "bad.csv").status().message()), HasSubstr("bad.csv:2"));
+  EXPECT_THAT(std::string(ReadTrajectory(folder / "bad.csv").status().message()), HasSubstr("bad.csv:2"));
 }
 
 TEST(Trajectory, KittiPoses) {
@@ -112,6 +113,95 @@ TEST(Trajectory, KittiPoses) {
   folder.Write("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n2 0 0 0 0 2 0 0 0 0 2 0\n");
   EXPECT_THAT(std::string(ReadTrajectory(folder / "poses.txt").status().message()),
               HasSubstr("poses.txt:2: the first three columns"));
+}
+
+TEST(Trajectory, KittiPosesWithoutTimesAreNoTumTrajectory) {
+  const TestingFolder folder;
+  // The columns 5 to 8 of these are quaternions, too.
+  folder.Write("poses.txt", "1 0 0 0.1 0 1 0 0.02 0 0 1 0.3\n0.9999 0.01 0 0.2 -0.01 0.9999 0 0.03 0 0 1 0.4\n");
+  EXPECT_THAT(std::string(ReadTrajectory(folder / "poses.txt").status().message()),
+              AllOf(HasSubstr("matrices (KITTI) without times"), HasSubstr("times.txt")));
+  // Where the data set has them.
+  std::filesystem::create_directories(folder / "poses");
+  std::filesystem::rename(folder / "poses.txt", folder / "poses/03.txt");
+  folder.Write("sequences/03/times.txt", "0\n0.1\n");
+  EXPECT_EQ(ReadTrajectory(folder / "poses/03.txt")->poses[1].time_ns, 100'000'000);
+}
+
+TEST(Trajectory, MatricesInWhateverForm) {
+  const TestingFolder folder;
+  folder.Write("whole.txt", "1 0 0 4 0 1 0 5 0 0 1 6 0 0 0 1\n");
+  EXPECT_THAT(std::string(ReadTrajectory(folder / "whole.txt").status().message()), HasSubstr("without times"));
+  folder.Write("timed.txt", "7.5 0 -1 0 4 1 0 0 5 0 0 1 6\n");
+  folder.Write("timed_whole.txt", "7.5 0 -1 0 4 1 0 0 5 0 0 1 6 0 0 0 1\n");
+  for (const char* name : {"timed.txt", "timed_whole.txt"}) {
+    const auto read = ReadTrajectory(folder / name);
+    ASSERT_TRUE(read.ok()) << read.status();
+    EXPECT_EQ(read->poses[0].time_ns, 7'500'000'000);
+    EXPECT_EQ(read->poses[0].world_from_camera.translation(), Vector3d(4, 5, 6));
+  }
+  // Twelve columns that are no matrix, beside a times.txt: TUM format with four more columns.
+  folder.Write("times.txt", "0\n");
+  folder.Write("tum.txt", "7.5 1 2 3 0 0 0 1 9 9 9 9\n");
+  EXPECT_EQ(ReadTrajectory(folder / "tum.txt")->poses[0].time_ns, 7'500'000'000);
+}
+
+TEST(Trajectory, AHeaderNamesTheColumns) {
+  const TestingFolder folder;
+  const auto pose_of = [&](const std::string& text) {
+    folder.Write("a.csv", text);
+    const auto read = ReadTrajectory(folder / "a.csv");
+    EXPECT_TRUE(read.ok()) << read.status();
+    Trajectory none;
+    none.poses.resize(1);
+    return read.ok() ? *read : none;
+  };
+  for (const std::string header :
+       {"#timestamp,p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []",
+        "timestamp,tx,ty,tz,qw,qx,qy,qz", "time,x,y,z,qw,qx,qy,qz",
+        "\"t\",\"pose.position.x\",\"pose.position.y\",\"pose.position.z\",\"pose.orientation.w\","
+        "\"pose.orientation.x\",\"pose.orientation.y\",\"pose.orientation.z\""}) {
+    for (const std::string time : {"1600000000.25", "1600000000250000000"}) {
+      const Trajectory read = pose_of(header + "\n" + time + ",1,2,3,0.9,0.1,0.3,0.3\n");
+      EXPECT_EQ(read.poses[0].time_ns, 1600000000250000000) << header;
+      EXPECT_NEAR(read.poses[0].world_from_camera.rotation().w(), 0.9, 1e-9) << header;
+      EXPECT_NEAR(read.poses[0].world_from_camera.rotation().x(), 0.1, 1e-9) << header;
+      EXPECT_EQ(read.poses[0].world_from_camera.translation(), Vector3d(1, 2, 3));
+    }
+  }
+  EXPECT_EQ(pose_of("# qw qx qy qz tx ty tz t_ms\n0.9 0.1 0.3 0.3 1 2 3 250\n").poses[0].time_ns, 250'000'000);
+  EXPECT_THAT(pose_of("# qw qx qy qz tx ty tz t_ms\n0.9 0.1 0.3 0.3 1 2 3 250\n").notes[0],
+              HasSubstr("qw qx qy qz tx ty tz t"));
+  folder.Write("images.txt", "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n1 1 0 0 0 1 2 3 1 a.png\n");
+  EXPECT_THAT(std::string(ReadTrajectory(folder / "images.txt").status().message()),
+              HasSubstr("no column of the header"));
+  folder.Write("few.txt", "# t tx ty tz qx qy qz qw\n1 0 0 0 1\n");
+  EXPECT_THAT(std::string(ReadTrajectory(folder / "few.txt").status().message()), HasSubstr("names 8 columns"));
+}
+
+TEST(Trajectory, TimesInOtherUnits) {
+  const TestingFolder folder;
+  const auto read = [&](const std::string& text) {
+    folder.Write("a.txt", text);
+    return ReadTrajectory(folder / "a.txt");
+  };
+  const std::string pose = " 0 0 0 0 0 0 1\n";
+  auto trajectory = read("1600000000000000000.000000" + pose + "1600000000050000000.000000" + pose);
+  ASSERT_TRUE(trajectory.ok()) << trajectory.status();
+  EXPECT_EQ(trajectory->poses[1].time_ns, 1600000000050000000);
+  EXPECT_EQ(trajectory->time_unit, TimeUnit::kNanoseconds);
+  EXPECT_THAT(trajectory->notes, ElementsAre(HasSubstr("a.txt: the times are nanoseconds, since 1970")));
+  trajectory = read("1600000000000.5" + pose + "1600000000050" + pose);
+  EXPECT_EQ(trajectory->poses[0].time_ns, 1600000000000500000);
+  EXPECT_THAT(std::string(read("0" + pose + "33" + pose + "66" + pose).status().message()),
+              AllOf(HasSubstr("not clear"), HasSubstr("33 s apart"), HasSubstr("# t_ms")));
+  EXPECT_EQ(read("# t_ms tx ty tz qx qy qz qw\n0" + pose + "33" + pose)->poses[1].time_ns, 33'000'000);
+  EXPECT_THAT(
+      std::string(read("# t_s tx ty tz qx qy qz qw\n1600000000000" + pose + "1600000000033" + pose).status().message()),
+      HasSubstr("correct the header"));
+  EXPECT_THAT(read("0" + pose + "1" + pose + "2" + pose)->notes, ElementsAre(HasSubstr("whole numbers one apart")));
+  EXPECT_THAT(read("0.5" + pose + "30.5" + pose)->notes, ElementsAre(HasSubstr("30 s apart")));
+  EXPECT_THAT(read("0.5" + pose + "0.6" + pose)->notes, ElementsAre());
 }
 
 TEST(Trajectory, DoesNotOverwriteUnasked) {

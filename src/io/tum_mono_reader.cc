@@ -13,7 +13,7 @@
 #include "io/photometric_files.h"
 #include "io/sequence_readers.h"
 #include "io/text_lines.h"
-#include "io/time_text.h"
+#include "io/time_column.h"
 
 namespace cairn::io {
 namespace {
@@ -107,28 +107,45 @@ class ImageFinder {
   std::map<std::string, std::string> name_of_stem_;
 };
 
-absl::StatusOr<std::vector<ListedImage>> ReadList(const std::string& path, const ImageFinder& finder) {
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<TextLine> lines, ReadDataLines(path));
+absl::StatusOr<double> ParseExposure(absl::string_view text) {
+  double exposure_ms = 0.0;
+  if (!absl::SimpleAtod(text, &exposure_ms) || !(exposure_ms >= 0.0 && exposure_ms < 1e6)) {
+    return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is not an exposure time in milliseconds"));
+  }
+  return exposure_ms * 1e-3;
+}
+
+absl::StatusOr<std::vector<ListedImage>> ReadList(const std::string& path, const ImageFinder& finder, double rate_hz,
+                                                  std::vector<std::string>* notes) {
+  CAIRN_ASSIGN_OR_RETURN(const TextTable table, ReadTable(path));
+  const std::vector<TextLine>& lines = table.lines;
   if (lines.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, " lists no images; expected lines of `id seconds exposure_ms`"));
   }
   std::vector<ListedImage> images;
   std::vector<std::string> ids;
-  TimeOrder order;
+  std::vector<TimeText> texts;
   for (const TextLine& line : lines) {
     const std::vector<absl::string_view> fields = SplitFields(line.text);
     if (fields.size() < 2) return LineError(path, line.number, "expected `id seconds exposure_ms`");
-    const absl::StatusOr<TimeNs> time_ns = ParseSeconds(fields[1]);
-    if (!time_ns.ok()) return LineError(path, line.number, time_ns.status().message());
-    CAIRN_RETURN_IF_ERROR(order.Add(*time_ns, path, line.number));
-    double exposure_ms = 0.0;
-    if (fields.size() > 2 &&
-        (!absl::SimpleAtod(fields[2], &exposure_ms) || !(exposure_ms >= 0.0 && exposure_ms < 1e6))) {
-      return LineError(path, line.number, absl::StrCat("\"", fields[2], "\" is not an exposure time in milliseconds"));
-    }
+    const absl::StatusOr<double> exposure_s = ParseExposure(fields.size() > 2 ? fields[2] : "0");
+    if (!exposure_s.ok()) return LineError(path, line.number, exposure_s.status().message());
     ids.emplace_back(fields[0]);
-    images.push_back({*time_ns, "", exposure_ms * 1e-3});
+    texts.push_back({line.number, fields[1]});
+    images.push_back({0, "", *exposure_s});
+  }
+  TimeColumnRules rules;
+  rules.rate_hz = rate_hz;
+  rules.example = "# id time_ms exposure_ms";
+  const std::vector<std::string> columns = ColumnNames(table.header);
+  if (columns.size() > 1 && NamesTime(columns[1])) rules.named = UnitOfColumn(columns[1]);
+  CAIRN_ASSIGN_OR_RETURN(const TimeColumn times, ReadTimeColumn(path, texts, rules));
+  if (!times.note.empty()) notes->push_back(times.note);
+  TimeOrder order;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    images[i].time_ns = times.times_ns[i];
+    CAIRN_RETURN_IF_ERROR(order.Add(times.times_ns[i], path, lines[i].number));
   }
   const bool by_id = std::any_of(ids.begin(), ids.end(), [&](const std::string& id) { return finder.Knows(id); });
   if (!by_id && finder.size() != images.size()) {
@@ -156,7 +173,6 @@ absl::StatusOr<SequenceFiles> ReadTumMono(const fs::path& folder, const OpenOpti
     return absl::NotFoundError(absl::StrCat("no images in ", (folder / "images").string()));
   }
   SequenceFiles out;
-  CAIRN_ASSIGN_OR_RETURN(out.images, ReadList((folder / "times.txt").string(), finder));
   if (options.camera_path.empty()) {
     CAIRN_ASSIGN_OR_RETURN(out.camera, ReadCameraText((folder / "camera.txt").string()));
   } else {
@@ -164,6 +180,7 @@ absl::StatusOr<SequenceFiles> ReadTumMono(const fs::path& folder, const OpenOpti
     out.camera = file.camera;
     out.rate_hz = file.rate_hz;
   }
+  CAIRN_ASSIGN_OR_RETURN(out.images, ReadList((folder / "times.txt").string(), finder, out.rate_hz, &out.notes));
   const fs::path response = folder / "pcalib.txt", vignette = folder / "vignette.png";
   if (IsFile(response) || IsFile(vignette)) {
     CAIRN_ASSIGN_OR_RETURN(out.photometric, LoadPhotometricCalibration(IsFile(response) ? response.string() : "",

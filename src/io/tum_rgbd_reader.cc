@@ -8,10 +8,10 @@ bool LooksLikeTumRgbd(const std::filesystem::path& folder, const OpenOptions&) {
 
 absl::StatusOr<SequenceFiles> ReadTumRgbd(const std::filesystem::path& folder, const OpenOptions& options) {
   SequenceFiles out;
-  CAIRN_ASSIGN_OR_RETURN(out.images, ReadTimedList(folder / "rgb.txt"));
   CAIRN_ASSIGN_OR_RETURN(const CameraFile file, GivenCamera(folder, options));
   out.camera = file.camera;
   out.rate_hz = file.rate_hz;
+  CAIRN_RETURN_IF_ERROR(ReadTimedList(folder / "rgb.txt", &out));
   return out;
 }
 

@@ -8,6 +8,7 @@
 #include "absl/strings/str_join.h"
 #include "base/median.h"
 #include "cli/cli.h"
+#include "cli/input_options.h"
 #include "engine/live_map.h"
 #include "eval/association.h"
 #include "eval/reference.h"
@@ -290,6 +291,7 @@ absl::Status Align(AlignOptions options) {
   options.solver.sigma_rotation_rad = options.sigma_rotation_deg / kDegPerRad;
   options.solver.use_orientations = !options.positions_only;
   CAIRN_ASSIGN_OR_RETURN(const eval::Reference given, eval::LoadReference(options.groundtruth, options.reference));
+  TellNotes("align", given.trajectory.notes);
   const std::vector<io::StampedPose> reference = eval::SortedFinite(given.trajectory.poses);
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::LiveMap> live, engine::LiveMap::Open(options.map));
   std::vector<Target> targets;

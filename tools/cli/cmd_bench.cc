@@ -137,7 +137,7 @@ absl::Status BenchDirect(const BenchOptions& options) {
   SkippedFrames skipped("bench", options.json);
   std::unique_ptr<PreloadedSource> source;
   {
-    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> files, OpenInput(options.input));
+    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> files, OpenInput(options.input, "bench direct"));
     CAIRN_ASSIGN_OR_RETURN(source, PreloadedSource::Load(files.get(), &skipped));
   }
   ResetPeakMemory();

@@ -61,7 +61,8 @@ struct Calibration {
 };
 
 absl::StatusOr<Recording> Record(const CalibrateOptions& options, InterruptWatch* interrupt) {
-  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source,
+                         OpenInput(options.input, "camera calibrate-photometric"));
   Recording recording;
   recording.info = source->info();
   const std::int64_t frames = recording.info.num_frames;

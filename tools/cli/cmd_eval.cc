@@ -9,6 +9,7 @@
 
 #include "base/angles.h"
 #include "cli/cli.h"
+#include "cli/input_options.h"
 #include "cli/pictures.h"
 #include "eval/ate.h"
 #include "eval/localization.h"
@@ -37,6 +38,26 @@ struct EvalOptions {
   bool json = false;
 };
 
+// Poses that count frames cannot be paired with poses that have times.
+absl::StatusOr<io::Trajectory> ReadEstimate(const std::string& verb, const std::string& path,
+                                            const io::Trajectory& truth, bool may_be_empty = false) {
+  CAIRN_ASSIGN_OR_RETURN(io::Trajectory estimate, io::ReadTrajectory(path, may_be_empty));
+  TellNotes(verb, estimate.notes);
+  if (!estimate.poses.empty() && estimate.counts_frames != truth.counts_frames) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("the times of one file are whole numbers one apart, as if they counted frames, those of the other "
+                     "are not, so that they cannot be paired: ",
+                     estimate.counts_frames ? path : "the reference", " needs times of the same clock"));
+  }
+  return estimate;
+}
+
+absl::StatusOr<eval::Reference> ReadReference(const std::string& verb, const EvalOptions& options) {
+  absl::StatusOr<eval::Reference> reference = eval::LoadReference(options.groundtruth, options.reference);
+  if (reference.ok()) TellNotes(verb, reference->trajectory.notes);
+  return reference;
+}
+
 bool IsFolder(const std::string& path) {
   std::error_code ignored;
   return std::filesystem::is_directory(path, ignored);
@@ -60,14 +81,14 @@ absl::StatusOr<std::vector<std::string>> EstimateFiles(const std::string& path) 
 // Evaluates every run with `evaluate` and prints the figure of each and their median. A run that cannot be evaluated
 // counts as `failed_value`, as in the paper's protocol.
 template <class Evaluate>
-int EvaluateRuns(const EvalOptions& options, const char* verb, const char* figure, double failed_value,
-                 const Evaluate& evaluate) {
+int EvaluateRuns(const EvalOptions& options, const io::Trajectory& truth, const char* verb, const char* figure,
+                 double failed_value, const Evaluate& evaluate) {
   const auto files = EstimateFiles(options.estimate);
   if (!files.ok()) return Fail(verb, files.status(), options.json);
   std::vector<absl::StatusOr<double>> values;
   nlohmann::ordered_json runs = nlohmann::ordered_json::array();
   for (const std::string& file : *files) {
-    const auto estimate = io::ReadTrajectory(file);
+    const auto estimate = ReadEstimate(verb, file, truth);
     values.push_back(estimate.ok() ? evaluate(*estimate) : absl::StatusOr<double>(estimate.status()));
     const absl::StatusOr<double>& value = values.back();
     const std::string name = std::filesystem::path(file).filename().string();
@@ -142,18 +163,19 @@ int RunAte(EvalOptions options) {
   writable.Update(CheckDistinct({options.plot}, {options.estimate, options.groundtruth, options.reference.sensor}));
   writable.Update(CheckPicture(options.plot));
   if (!writable.ok()) return Fail(kVerb, writable, options.json);
-  const auto reference = eval::LoadReference(options.groundtruth, options.reference);
+  const auto reference = ReadReference(kVerb, options);
   if (!reference.ok()) return Fail(kVerb, reference.status(), options.json);
   const std::vector<io::StampedPose>& truth = reference->trajectory.poses;
   if (IsFolder(options.estimate)) {
     constexpr double kFailedRun_m = 10.0;
-    return EvaluateRuns(
-        options, kVerb, "ate_m", kFailedRun_m, [&](const io::Trajectory& estimate) -> absl::StatusOr<double> {
-          CAIRN_ASSIGN_OR_RETURN(const eval::AteResult run, eval::EvaluateAte(estimate.poses, truth, options.ate));
-          return run.position_m.rmse;
-        });
+    return EvaluateRuns(options, reference->trajectory, kVerb, "ate_m", kFailedRun_m,
+                        [&](const io::Trajectory& estimate) -> absl::StatusOr<double> {
+                          CAIRN_ASSIGN_OR_RETURN(const eval::AteResult run,
+                                                 eval::EvaluateAte(estimate.poses, truth, options.ate));
+                          return run.position_m.rmse;
+                        });
   }
-  const auto estimate = io::ReadTrajectory(options.estimate);
+  const auto estimate = ReadEstimate(kVerb, options.estimate, reference->trajectory);
   if (!estimate.ok()) return Fail(kVerb, estimate.status(), options.json);
   const auto result = eval::EvaluateAte(estimate->poses, truth, options.ate);
   if (!result.ok()) return Fail(kVerb, result.status(), options.json);
@@ -192,10 +214,10 @@ int RunRpe(EvalOptions options) {
   options.rpe.unit = options.unit == "frames" ? eval::RpeUnit::kFrames
                      : options.unit == "s"    ? eval::RpeUnit::kSeconds
                                               : eval::RpeUnit::kMeters;
-  const auto reference = eval::LoadReference(options.groundtruth, options.reference);
+  const auto reference = ReadReference(kVerb, options);
   if (!reference.ok()) return Fail(kVerb, reference.status(), options.json);
   const std::vector<io::StampedPose>& truth = reference->trajectory.poses;
-  const auto estimate = io::ReadTrajectory(options.estimate);
+  const auto estimate = ReadEstimate(kVerb, options.estimate, reference->trajectory);
   if (!estimate.ok()) return Fail(kVerb, estimate.status(), options.json);
   const auto results = eval::EvaluateRpe(estimate->poses, truth, options.rpe);
   if (!results.ok()) return Fail(kVerb, results.status(), options.json);
@@ -227,15 +249,16 @@ int RunLoop(const EvalOptions& options) {
   constexpr const char* kVerb = "eval loop";
   const auto truth = io::ReadTrajectory(options.groundtruth);
   if (!truth.ok()) return Fail(kVerb, truth.status(), options.json);
+  TellNotes(kVerb, truth->notes);
   if (IsFolder(options.estimate)) {
-    return EvaluateRuns(options, kVerb, "e_align_m", std::numeric_limits<double>::infinity(),
+    return EvaluateRuns(options, *truth, kVerb, "e_align_m", std::numeric_limits<double>::infinity(),
                         [&](const io::Trajectory& estimate) -> absl::StatusOr<double> {
                           CAIRN_ASSIGN_OR_RETURN(const eval::LoopResult run,
                                                  eval::EvaluateLoop(estimate.poses, *truth, options.loop));
                           return run.align_error_m;
                         });
   }
-  const auto estimate = io::ReadTrajectory(options.estimate);
+  const auto estimate = ReadEstimate(kVerb, options.estimate, *truth);
   if (!estimate.ok()) return Fail(kVerb, estimate.status(), options.json);
   const auto result = eval::EvaluateLoop(estimate->poses, *truth, options.loop);
   if (!result.ok()) return Fail(kVerb, result.status(), options.json);
@@ -259,10 +282,11 @@ int RunLoop(const EvalOptions& options) {
 
 int RunLocalization(const EvalOptions& options) {
   constexpr const char* kVerb = "eval localization";
-  const auto reference = eval::LoadReference(options.groundtruth, options.reference);
+  const auto reference = ReadReference(kVerb, options);
   if (!reference.ok()) return Fail(kVerb, reference.status(), options.json);
   // A list of queries says who was asked: no pose at all is then an answer, too.
-  const auto poses = io::ReadTrajectory(options.estimate, /*may_be_empty=*/!options.queries.empty());
+  const auto poses =
+      ReadEstimate(kVerb, options.estimate, reference->trajectory, /*may_be_empty=*/!options.queries.empty());
   if (!poses.ok()) return Fail(kVerb, poses.status(), options.json);
   std::vector<eval::LocalizationAnswer> answers;
   for (const io::StampedPose& pose : poses->poses) answers.push_back({pose.time_ns, pose.world_from_camera});

@@ -246,7 +246,7 @@ absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source
 
 absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, client::LocalLocalizer& localizer,
                                      InterruptWatch* interrupt) {
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input, "localize"));
   SkippedFrames skipped("localize", options.json);
   Summary summary;
   summary.together = TogetherInOneFrame(localizer.snapshot());

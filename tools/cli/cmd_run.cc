@@ -32,7 +32,7 @@ absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenRunInput(const RunOptions& 
   InputOptions input = options.input;
   const bool feed_reads = !options.session.deterministic && options.realtime_speed == 0.0 && options.poses.empty();
   if (feed_reads) input.open.prefetch = 0;
-  return OpenInput(input);
+  return OpenInput(input, "run");
 }
 
 void AddRunCommand(CLI::App& app, Action* action) {

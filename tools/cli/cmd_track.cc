@@ -293,7 +293,7 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
   for (const std::string* output : {&options.out, &options.states}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input, "track"));
   CAIRN_ASSIGN_OR_RETURN(const client::LocalTrackerOptions tracker_options, TrackerOptions(options));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::LocalTracker> tracker,
                          client::LocalTracker::Open(options.map, source->info().camera, tracker_options));

@@ -26,9 +26,10 @@ void AddInputOptions(CLI::App* verb, InputOptions* options) {
   verb->add_option(
       "--photometric", options->open.photometric_path,
       "Folder with pcalib.txt, vignette.png and times.txt (exposures) to use instead of the sequence's own");
-  verb->add_option("--camera-index", options->open.camera_index,
-                   "Which of several cameras (EuRoC cam0, cam1; KITTI image_0, ...)")
-      ->capture_default_str();
+  verb->add_option(
+          "--camera-index", options->open.camera_index,
+          "Which of several cameras (EuRoC cam0, cam1; KITTI image_0, ...); the first that there is if not given")
+      ->check(CLI::Range(0, 15));
   verb->add_option("--format", options->format, "Format of the sequence, if it is not recognized")
       ->check(CLI::IsMember({"auto", "euroc", "tum_rgbd", "tum_mono", "kitti", "times", "images"}))
       ->capture_default_str();
@@ -46,10 +47,16 @@ std::vector<std::string> InputFiles(const InputOptions& options) {
   return {options.sequence, options.open.camera_path, options.open.photometric_path};
 }
 
-absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options) {
+void TellNotes(const std::string& verb, const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) std::cerr << "cairn " << verb << ": " << note << "\n";
+}
+
+absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options, const std::string& verb) {
   io::OpenOptions open = options.open;
   CAIRN_ASSIGN_OR_RETURN(open.format, io::SequenceFormatFromName(options.format));
-  return io::FrameSource::Open(options.sequence, open);
+  absl::StatusOr<std::unique_ptr<io::FrameSource>> source = io::FrameSource::Open(options.sequence, open);
+  if (source.ok()) TellNotes(verb, (*source)->info().notes);
+  return source;
 }
 
 void SkippedFrames::Add(const std::string& path, const absl::Status& status) {

@@ -22,7 +22,9 @@ void AddInputOptions(CLI::App* verb, InputOptions* options);
 // All that is read: not to be overwritten by what is written.
 std::vector<std::string> InputFiles(const InputOptions& options);
 
-absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options);
+// What was understood of the files that is not as usual is told on standard error.
+absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options, const std::string& verb);
+void TellNotes(const std::string& verb, const std::vector<std::string>& notes);
 
 // Images that could not be used: the first few are told as they come, all are counted.
 class SkippedFrames {

@@ -114,6 +114,7 @@ void AddFeedJson(const FeedReport& report, const io::SourceInfo& info, std::int6
                 {"duration_s", info.duration_s},
                 {"realtime_factor", RealtimeFactor(report)},
                 {"peak_memory_mb", PeakMemoryMb()}});
+  if (!info.notes.empty()) (*json)["input_notes"] = info.notes;
   if (report.realtime) (*json)["latency_ms"] = SampleStatistics(report.latency_ms);
 }
 

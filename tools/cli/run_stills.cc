@@ -24,6 +24,7 @@ const io::StampedPose* PoseAt(const std::vector<io::StampedPose>& poses, TimeNs 
 
 absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(io::Trajectory given, io::ReadTrajectory(options.poses));
+  TellNotes("run", given.notes);
   std::sort(given.poses.begin(), given.poses.end(), [](const auto& a, const auto& b) { return a.time_ns < b.time_ns; });
   CAIRN_ASSIGN_OR_RETURN(MapRun run, PrepareMapRun(options));
   const io::SourceInfo info = run.source->info();
