@@ -1,0 +1,58 @@
+#include "client/remote/channel.h"
+
+#include <chrono>
+
+#include "absl/strings/str_format.h"
+#include "wire/errors.h"
+
+namespace cairn::client {
+namespace {
+
+constexpr int kMaxMessageBytes = 256 << 20;
+
+// Calls that only read may be made again; gRPC waits longer from one to the next, by a random share.
+std::string ServiceConfig(int attempts) {
+  if (attempts < 2) return "{}";
+  return absl::StrFormat(
+      R"({"methodConfig": [{"name": [{"service": "cairn.v1.Maps", "method": "ListMaps"},
+                                     {"service": "cairn.v1.Maps", "method": "DescribeMap"},
+                                     {"service": "cairn.v1.Localize"}],
+          "retryPolicy": {"maxAttempts": %d, "initialBackoff": "0.1s", "maxBackoff": "1s", "backoffMultiplier": 2,
+                          "retryableStatusCodes": ["UNAVAILABLE"]}}]})",
+      attempts);
+}
+
+}  // namespace
+
+std::shared_ptr<grpc::Channel> NewChannel(const RemoteOptions& options) {
+  grpc::ChannelArguments arguments;
+  arguments.SetMaxReceiveMessageSize(kMaxMessageBytes);
+  arguments.SetServiceConfigJSON(ServiceConfig(options.attempts));
+  arguments.SetUserAgentPrefix("cairn");
+  // A server that was restarted is found again within a second.
+  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
+  return grpc::CreateCustomChannel(options.server, grpc::InsecureChannelCredentials(), arguments);
+}
+
+void SetDeadline(double deadline_s, grpc::ClientContext* context) {
+  const auto time =
+      std::chrono::duration_cast<std::chrono::system_clock::duration>(std::chrono::duration<double>(deadline_s));
+  context->set_deadline(std::chrono::system_clock::now() + time);
+}
+
+absl::Status FromGrpc(const grpc::Status& status, const std::string& server) {
+  if (status.ok()) return absl::OkStatus();
+  // What the server has to say of an error comes with details; what comes without is the connection's.
+  if (status.error_code() == grpc::StatusCode::UNAVAILABLE && status.error_details().empty()) {
+    return absl::UnavailableError(
+        absl::StrCat("no answer from ", server, " (", status.error_message(), "): is cairnd running there?"));
+  }
+  if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED && status.error_details().empty()) {
+    return absl::DeadlineExceededError(absl::StrCat(server, " did not answer in time"));
+  }
+  return wire::StatusFrom(static_cast<int>(status.error_code()), status.error_message(), status.error_details());
+}
+
+}  // namespace cairn::client

@@ -1,0 +1,21 @@
+// The connection to a server, and how a call over it ends.
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+
+#include <memory>
+#include <string>
+
+#include "base/status.h"
+#include "client/remote/remote_map_service.h"
+
+namespace cairn::client {
+
+std::shared_ptr<grpc::Channel> NewChannel(const RemoteOptions& options);
+
+void SetDeadline(double deadline_s, grpc::ClientContext* context);
+
+// With its fault, and for a server that cannot be reached with its name and what to do.
+absl::Status FromGrpc(const grpc::Status& status, const std::string& server);
+
+}  // namespace cairn::client

@@ -1,0 +1,94 @@
+#include "client/remote/remote_map_service.h"
+
+#include <cairn/v1/localize.grpc.pb.h>
+#include <cairn/v1/maps.grpc.pb.h>
+
+#include <utility>
+
+#include "base/guarded.h"
+#include "client/query_image.h"
+#include "client/remote/channel.h"
+#include "wire/convert.h"
+
+namespace cairn::client {
+
+struct RemoteMapService::Stubs {
+  explicit Stubs(const RemoteOptions& given)
+      : options(given),
+        channel(NewChannel(given)),
+        maps(v1::Maps::NewStub(channel)),
+        localize(v1::Localize::NewStub(channel)) {}
+
+  // One call with its deadline.
+  template <class Function>
+  absl::Status Call(Function&& call) const {
+    return Guarded([&] {
+      grpc::ClientContext context;
+      SetDeadline(options.deadline_s, &context);
+      return FromGrpc(call(&context), options.server);
+    });
+  }
+
+  const RemoteOptions options;
+  const std::shared_ptr<grpc::Channel> channel;
+  const std::unique_ptr<v1::Maps::Stub> maps;
+  const std::unique_ptr<v1::Localize::Stub> localize;
+};
+
+absl::Status RemoteOptions::Validate() const {
+  if (server.empty()) return absl::InvalidArgumentError("server: name it as HOST:PORT");
+  if (!(deadline_s > 0.0)) return absl::InvalidArgumentError("server: deadline_s must be positive");
+  if (attempts < 1 || attempts > 5) return absl::InvalidArgumentError("server: attempts must be 1 to 5");
+  return absl::OkStatus();
+}
+
+RemoteMapService::RemoteMapService(std::unique_ptr<Stubs> stubs) : stubs_(std::move(stubs)) {}
+RemoteMapService::~RemoteMapService() = default;
+
+absl::StatusOr<std::unique_ptr<RemoteMapService>> RemoteMapService::Connect(const RemoteOptions& options) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  return Guarded([&]() -> absl::StatusOr<std::unique_ptr<RemoteMapService>> {
+    return std::unique_ptr<RemoteMapService>(new RemoteMapService(std::make_unique<Stubs>(options)));
+  });
+}
+
+absl::StatusOr<std::vector<api::MapSummary>> RemoteMapService::List() {
+  v1::ListMapsResponse response;
+  CAIRN_RETURN_IF_ERROR(stubs_->Call([&](auto* call) { return stubs_->maps->ListMaps(call, {}, &response); }));
+  std::vector<api::MapSummary> maps;
+  for (const v1::MapSummary& map : response.maps()) maps.push_back(wire::FromProto(map));
+  return maps;
+}
+
+absl::StatusOr<api::MapDescription> RemoteMapService::Describe(const std::string& map) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));  // what is no text cannot be sent as one
+  v1::DescribeMapRequest request;
+  request.set_map(map);
+  v1::DescribeMapResponse response;
+  CAIRN_RETURN_IF_ERROR(stubs_->Call([&](auto* call) { return stubs_->maps->DescribeMap(call, request, &response); }));
+  return wire::FromProto(response);
+}
+
+absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Localize(const std::string& map,
+                                                               const api::LocalizeQuery& query) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  CAIRN_RETURN_IF_ERROR(CheckImage(query.image, query.camera, "localize"));
+  v1::LocalizeImageRequest request;
+  request.set_map(map);
+  wire::ToProto(query.image, request.mutable_image());
+  wire::ToProto(query.camera, request.mutable_camera());
+  request.set_time_ns(query.time_ns);
+  v1::LocalizeImageResponse response;
+  CAIRN_RETURN_IF_ERROR(
+      stubs_->Call([&](auto* call) { return stubs_->localize->LocalizeImage(call, request, &response); }));
+  return wire::FromProto(response);
+}
+
+absl::StatusOr<std::unique_ptr<RemoteLocalizer>> RemoteLocalizer::Connect(const RemoteOptions& options,
+                                                                          const std::string& map) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<RemoteMapService> service, RemoteMapService::Connect(options));
+  return std::unique_ptr<RemoteLocalizer>(new RemoteLocalizer(std::move(service), map));
+}
+
+}  // namespace cairn::client

@@ -1,0 +1,54 @@
+// The maps of a cairnd, asked over gRPC. Nothing is connected before the first call, and a connection that is lost is
+// made again by the next one.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "api/map_service.h"
+#include "base/status.h"
+
+namespace cairn::client {
+
+struct RemoteOptions {
+  std::string server = "localhost:7878";  // HOST:PORT, or unix:/path
+  double deadline_s = 30.0;               // of each call, retries included
+  // A call that only reads is made again when the server could not be reached, so often in all, after 0.1 to 1 s.
+  int attempts = 4;
+
+  absl::Status Validate() const;
+};
+
+class RemoteMapService : public api::MapService {
+ public:
+  static absl::StatusOr<std::unique_ptr<RemoteMapService>> Connect(const RemoteOptions& options);
+  ~RemoteMapService() override;
+
+  // Further errors: Unavailable (no server there), DeadlineExceeded.
+  absl::StatusOr<std::vector<api::MapSummary>> List() override;
+  absl::StatusOr<api::MapDescription> Describe(const std::string& map) override;
+  absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
+
+ private:
+  struct Stubs;
+  explicit RemoteMapService(std::unique_ptr<Stubs> stubs);
+  const std::unique_ptr<Stubs> stubs_;
+};
+
+// One map of a server.
+class RemoteLocalizer : public api::Localizer {
+ public:
+  static absl::StatusOr<std::unique_ptr<RemoteLocalizer>> Connect(const RemoteOptions& options, const std::string& map);
+  absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override {
+    return localizer_.Localize(query);
+  }
+
+ private:
+  RemoteLocalizer(std::unique_ptr<RemoteMapService> service, const std::string& map)
+      : service_(std::move(service)), localizer_(service_.get(), map) {}
+  const std::unique_ptr<RemoteMapService> service_;
+  api::ServedLocalizer localizer_;
+};
+
+}  // namespace cairn::client

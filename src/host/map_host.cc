@@ -1,0 +1,225 @@
+#include "host/map_host.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/strip.h"
+#include "base/guarded.h"
+#include "host/describe.h"
+#include "store/map_store.h"
+
+namespace cairn::host {
+namespace {
+
+constexpr absl::string_view kSuffix = ".cairn";
+
+int WorkersOf(const MapHostOptions& options) {
+  if (options.workers > 0) return options.workers;
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+absl::Status NoMap(const std::string& map) {
+  return store::MakeFault(store::Fault::kNotFound, absl::StrCat("there is no map \"", map, "\" here"));
+}
+
+}  // namespace
+
+absl::Status MapHostOptions::Validate() const {
+  const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("maps: ", what)); };
+  if (directory.empty()) return bad("name their directory");
+  if (memory_budget_bytes < 0) return bad("memory_budget_bytes must not be negative");
+  if (!(idle_close_s > 0.0)) return bad("idle_close_s must be positive");
+  if (!(refresh_interval_s >= 0.0)) return bad("refresh_interval_s must not be negative");
+  if (workers < 0) return bad("workers must not be negative");
+  if (max_waiting < 0) return bad("max_waiting must not be negative");
+  return localizer.Validate();
+}
+
+absl::StatusOr<std::unique_ptr<MapHost>> MapHost::Open(const MapHostOptions& options) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  std::error_code error;
+  const std::filesystem::path directory = std::filesystem::canonical(options.directory, error);
+  if (error || !std::filesystem::is_directory(directory, error)) {
+    return absl::NotFoundError(absl::StrCat(options.directory, " is no directory: name the one that holds the maps"));
+  }
+  MapHostOptions resolved = options;
+  resolved.directory = directory.string();
+  return std::unique_ptr<MapHost>(new MapHost(resolved));
+}
+
+MapHost::MapHost(const MapHostOptions& options)
+    : options_(options), gate_(WorkersOf(options), options.max_waiting), localizer_(options.localizer) {}
+
+absl::StatusOr<std::string> MapHost::PathOf(const std::string& map) const {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  const std::filesystem::path path = std::filesystem::path(options_.directory) / absl::StrCat(map, kSuffix);
+  std::error_code error;
+  const std::filesystem::path real = std::filesystem::canonical(path, error);
+  // A link may lead elsewhere in the directory, not out of it.
+  if (error || real.parent_path() != options_.directory || !std::filesystem::is_regular_file(real, error)) {
+    return NoMap(map);
+  }
+  return path.string();
+}
+
+std::shared_ptr<MapHost::Slot> MapHost::SlotOf(const std::string& map) {
+  const std::lock_guard lock(mutex_);
+  std::shared_ptr<Slot>& slot = slots_[map];
+  if (slot == nullptr) slot = std::make_shared<Slot>();
+  slot->used = Clock::now().time_since_epoch();
+  return slot;
+}
+
+absl::StatusOr<std::shared_ptr<HostedMap>> MapHost::Use(const std::string& map) {
+  const absl::StatusOr<std::string> path = PathOf(map);
+  if (!path.ok()) {
+    const std::lock_guard lock(mutex_);
+    slots_.erase(map);
+    return path.status();
+  }
+  const std::shared_ptr<Slot> slot = SlotOf(map);
+  const std::lock_guard lock(slot->mutex);
+  if (slot->map == nullptr) {
+    const auto interval = std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options_.refresh_interval_s));
+    CAIRN_ASSIGN_OR_RETURN(slot->map, HostedMap::Open(*path, interval));
+    slot->bytes = std::max<std::int64_t>(1, slot->map->bytes());
+    MakeRoom(slot.get());
+  }
+  return slot->map;
+}
+
+absl::StatusOr<std::shared_ptr<const tracking::MapView>> MapHost::ViewOf(const std::string& map) {
+  for (bool again = false;; again = true) {
+    CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<HostedMap> open, Use(map));
+    absl::StatusOr<std::shared_ptr<const tracking::MapView>> view = open->View();
+    if (view.ok() || again) return view;
+    // Another file lies there now.
+    const std::shared_ptr<Slot> slot = SlotOf(map);
+    const std::lock_guard lock(slot->mutex);
+    if (slot->map == open) Close(slot.get());
+  }
+}
+
+void MapHost::Close(Slot* slot) {
+  slot->map.reset();
+  slot->bytes = 0;
+}
+
+// With the lock of `keep`, which stays; slots that somebody else is using are left alone.
+void MapHost::MakeRoom(const Slot* keep) {
+  std::vector<std::shared_ptr<Slot>> open;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, slot] : slots_) {
+      if (slot->bytes > 0) open.push_back(slot);
+    }
+  }
+  std::int64_t bytes = 0;
+  for (const auto& slot : open) bytes += slot->bytes;
+  std::ranges::sort(open, {}, [](const auto& slot) { return slot->used.load(); });
+  for (const auto& slot : open) {
+    if (bytes <= options_.memory_budget_bytes) return;
+    const std::unique_lock lock =
+        slot.get() == keep ? std::unique_lock<std::mutex>() : std::unique_lock(slot->mutex, std::try_to_lock);
+    if (!lock) continue;
+    bytes -= slot->bytes;
+    Close(slot.get());
+  }
+}
+
+void MapHost::CloseIdle(Clock::time_point now) {
+  std::vector<std::shared_ptr<Slot>> slots;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, slot] : slots_) slots.push_back(slot);
+  }
+  const auto idle = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(options_.idle_close_s));
+  for (const auto& slot : slots) {
+    const std::unique_lock lock(slot->mutex, std::try_to_lock);
+    if (lock && now.time_since_epoch() - slot->used.load() >= idle) Close(slot.get());
+  }
+}
+
+std::vector<MapHost::OpenMap> MapHost::OpenMaps() {
+  std::vector<std::pair<std::string, std::shared_ptr<Slot>>> slots;
+  {
+    const std::lock_guard lock(mutex_);
+    slots.assign(slots_.begin(), slots_.end());
+  }
+  std::vector<OpenMap> open;
+  for (const auto& [name, slot] : slots) {
+    const std::unique_lock lock(slot->mutex, std::try_to_lock);  // one that is being opened is not open
+    if (!lock || slot->map == nullptr) continue;
+    open.push_back({name, slot->map->Known()->revision(), slot->bytes});
+  }
+  return open;
+}
+
+absl::Status MapHost::Told(const absl::Status& status) const {
+  if (status.ok()) return status;
+  absl::Status told(status.code(), absl::StrReplaceAll(status.message(), {{options_.directory + "/", ""}}));
+  status.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) { told.SetPayload(url, payload); });
+  return told;
+}
+
+absl::StatusOr<api::MapSummary> MapHost::Summarize(const std::string& map) {
+  CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
+                         store::OpenMapStore(path, store::OpenMode::kRead));
+  CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, store->ReadSummary());
+  return SummaryOf(map, summary);
+}
+
+absl::StatusOr<std::vector<api::MapSummary>> MapHost::List() {
+  return Guarded([&]() -> absl::StatusOr<std::vector<api::MapSummary>> {
+    std::vector<std::string> names;
+    for (const auto& entry : std::filesystem::directory_iterator(options_.directory)) {
+      const std::string file = entry.path().filename().string();
+      const std::string name(absl::StripSuffix(file, kSuffix));
+      if (name != file && PathOf(name).ok()) names.push_back(name);
+    }
+    std::ranges::sort(names);
+    std::vector<std::string> open;
+    for (const OpenMap& map : OpenMaps()) open.push_back(map.name);
+    std::vector<api::MapSummary> summaries;
+    for (const std::string& name : names) {
+      absl::StatusOr<api::MapSummary> summary = Summarize(name);
+      if (absl::IsNotFound(summary.status())) continue;  // removed meanwhile
+      summaries.push_back(summary.ok() ? *std::move(summary) : api::MapSummary());
+      summaries.back().name = name;
+      summaries.back().status = Told(summary.status());
+      summaries.back().open = std::ranges::binary_search(open, name);
+    }
+    return summaries;
+  });
+}
+
+absl::StatusOr<api::MapDescription> MapHost::Describe(const std::string& map) {
+  return Guarded([&]() -> absl::StatusOr<api::MapDescription> {
+    const absl::StatusOr<std::shared_ptr<const tracking::MapView>> view = ViewOf(map);
+    if (!view.ok()) return Told(view.status());
+    absl::StatusOr<api::MapSummary> stored = Summarize(map);
+    if (!stored.ok()) return Told(stored.status());
+    api::MapDescription description = DescriptionOf((*view)->map());
+    description.summary.name = map;
+    description.summary.format_version = stored->format_version;
+    description.summary.file_bytes = stored->file_bytes;
+    description.summary.open = true;
+    return description;
+  });
+}
+
+absl::StatusOr<api::LocalizeAnswer> MapHost::Localize(const std::string& map, const api::LocalizeQuery& query) {
+  return Guarded([&]() -> absl::StatusOr<api::LocalizeAnswer> {
+    const absl::StatusOr<std::shared_ptr<const tracking::MapView>> view = ViewOf(map);
+    if (!view.ok()) return Told(view.status());
+    CAIRN_ASSIGN_OR_RETURN(const WorkGate::Pass pass, gate_.Enter());
+    return localizer_.Localize(**view, query);
+  });
+}
+
+}  // namespace cairn::host

@@ -1,0 +1,89 @@
+// The maps of one directory, served to many at once. A map is opened when it is first asked for, once, whoever asks
+// meanwhile; it leaves memory when nobody has used it for a while, or when others need the room (the one that was used
+// longest ago first). Maps are only read here; each is what its file `NAME.cairn` holds, also while another process
+// writes it.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "api/map_service.h"
+#include "base/status.h"
+#include "client/view_localizer.h"
+#include "host/hosted_map.h"
+#include "host/work_gate.h"
+
+namespace cairn::host {
+
+struct MapHostOptions {
+  std::string directory;
+  // Of all open maps together, roughly (HostedMap::bytes). The map that is asked for is opened in any case.
+  std::int64_t memory_budget_bytes = 4'000'000'000;
+  double idle_close_s = 600.0;      // a map that nobody has asked for so long is closed
+  double refresh_interval_s = 0.1;  // between looks for what another process has changed
+  int workers = 0;                  // images that are located at the same time; 0: as many as there are processors
+  int max_waiting = 64;             // ... and that wait for their turn; more are refused
+  client::LocalLocalizerOptions localizer;
+
+  absl::Status Validate() const;
+};
+
+class MapHost : public api::MapService {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  // NotFound if the directory does not exist. Reads no map.
+  static absl::StatusOr<std::unique_ptr<MapHost>> Open(const MapHostOptions& options);
+
+  absl::StatusOr<std::vector<api::MapSummary>> List() override;
+  absl::StatusOr<api::MapDescription> Describe(const std::string& map) override;
+  // ResourceExhausted if too many images wait already.
+  absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
+
+  // Closes the maps that have been idle at `now` for as long as the options say. For who owns the host to call now and
+  // then.
+  void CloseIdle(Clock::time_point now);
+
+  // Of the maps in memory, for those who watch.
+  struct OpenMap {
+    std::string name;
+    Revision revision = 0;
+    std::int64_t bytes = 0;
+  };
+  std::vector<OpenMap> OpenMaps();
+
+ private:
+  // Kept while there is such a map. Whoever opens it holds its own lock, not the host's.
+  struct Slot {
+    std::mutex mutex;
+    std::shared_ptr<HostedMap> map;       // null: not open
+    std::atomic<Clock::duration> used{};  // since the clock's epoch
+    std::atomic<std::int64_t> bytes{0};   // of the map; 0: not open
+  };
+
+  explicit MapHost(const MapHostOptions& options);
+  // Where the map is. InvalidArgument for what is no name, NotFound if there is no such file in this directory.
+  absl::StatusOr<std::string> PathOf(const std::string& map) const;
+  std::shared_ptr<Slot> SlotOf(const std::string& map);
+  absl::StatusOr<std::shared_ptr<HostedMap>> Use(const std::string& map);
+  absl::StatusOr<std::shared_ptr<const tracking::MapView>> ViewOf(const std::string& map);
+  absl::StatusOr<api::MapSummary> Summarize(const std::string& map);
+  void MakeRoom(const Slot* keep);
+  static void Close(Slot* slot);
+  // Without the directory's name, which is nobody's business.
+  absl::Status Told(const absl::Status& status) const;
+
+  const MapHostOptions options_;
+  WorkGate gate_;
+  client::ViewLocalizer localizer_;
+
+  std::mutex mutex_;  // guards what follows; never held while a map is read
+  std::map<std::string, std::shared_ptr<Slot>> slots_;
+};
+
+}  // namespace cairn::host

@@ -1,0 +1,96 @@
+#include <array>
+#include <utility>
+
+#include "wire/convert.h"
+#include "wire/reading.h"
+
+namespace cairn::wire {
+namespace {
+
+using Answer = v1::LocalizeImageResponse;
+
+constexpr std::array<std::pair<api::LocalizeStage, Answer::Stage>, 6> kStages = {{
+    {api::LocalizeStage::kFeatures, Answer::STAGE_FEATURES},
+    {api::LocalizeStage::kCandidates, Answer::STAGE_CANDIDATES},
+    {api::LocalizeStage::kMatches, Answer::STAGE_MATCHES},
+    {api::LocalizeStage::kPnp, Answer::STAGE_PNP},
+    {api::LocalizeStage::kRefinement, Answer::STAGE_REFINEMENT},
+    {api::LocalizeStage::kDone, Answer::STAGE_DONE},
+}};
+constexpr std::array<std::pair<api::LensUse, Answer::LensUse>, 3> kLensUses = {{
+    {api::LensUse::kNone, Answer::LENS_USE_NONE},
+    {api::LensUse::kCorrected, Answer::LENS_USE_CORRECTED},
+    {api::LensUse::kOtherCalibration, Answer::LENS_USE_OTHER_CALIBRATION},
+}};
+
+// The second of the pair with this first, and the other way round; the first pair's if there is none.
+template <class Pairs, class Value>
+auto ValueOf(const Pairs& pairs, Value first) {
+  for (const auto& [a, b] : pairs) {
+    if (a == first) return b;
+  }
+  return pairs[0].second;
+}
+template <class Pairs, class Value>
+auto KeyOf(const Pairs& pairs, Value second) {
+  for (const auto& [a, b] : pairs) {
+    if (b == second) return a;
+  }
+  return pairs[0].first;
+}
+
+}  // namespace
+
+void ToProto(const api::LocalizeAnswer& answer, Answer* out) {
+  out->set_localized(answer.localized);
+  out->set_stage(ValueOf(kStages, answer.stage));
+  out->set_reason(answer.reason);
+  Answer::Counts* counts = out->mutable_counts();
+  counts->set_features(answer.counts.features);
+  counts->set_candidates(answer.counts.candidates);
+  counts->set_word_matches(answer.counts.word_matches);
+  counts->set_pnp_inliers(answer.counts.pnp_inliers);
+  counts->set_guided_matches(answer.counts.guided_matches);
+  counts->set_inliers(answer.counts.inliers);
+  out->set_map_id(answer.map_id);
+  out->set_revision(answer.revision);
+  out->set_components(answer.components);
+  out->set_lens(ValueOf(kLensUses, answer.lens));
+  out->set_extract_ms(answer.extract_ms);
+  out->set_locate_ms(answer.locate_ms);
+  if (!answer.localized) return;
+  ToProto(answer.map_from_camera, out->mutable_map_from_camera());
+  out->set_component(answer.component.value());
+  ToProto(answer.world_from_camera, out->mutable_world_from_camera());
+  out->set_world_per_map(answer.world_per_map);
+  out->set_world_is_metric(answer.world_is_metric);
+  Write(answer.covariance, out->mutable_covariance());
+  out->set_reference_keyframe(answer.reference_keyframe.value());
+}
+
+absl::StatusOr<api::LocalizeAnswer> FromProto(const Answer& message) {
+  api::LocalizeAnswer answer;
+  answer.localized = message.localized();
+  answer.stage = KeyOf(kStages, message.stage());
+  answer.reason = message.reason();
+  const Answer::Counts& counts = message.counts();
+  answer.counts = {counts.features(),    counts.candidates(),     counts.word_matches(),
+                   counts.pnp_inliers(), counts.guided_matches(), counts.inliers()};
+  answer.map_id = message.map_id();
+  answer.revision = message.revision();
+  answer.components = message.components();
+  answer.lens = KeyOf(kLensUses, message.lens());
+  answer.extract_ms = message.extract_ms();
+  answer.locate_ms = message.locate_ms();
+  if (!answer.localized) return answer;
+  CAIRN_ASSIGN_OR_RETURN(answer.map_from_camera, FromProto(message.map_from_camera()));
+  answer.component = ComponentId(message.component());
+  CAIRN_ASSIGN_OR_RETURN(answer.world_from_camera, FromProto(message.world_from_camera()));
+  answer.world_per_map = message.world_per_map();
+  answer.world_is_metric = message.world_is_metric();
+  CAIRN_ASSIGN_OR_RETURN(answer.covariance, ReadMatrix(message.covariance()));
+  answer.reference_keyframe = KeyframeId(message.reference_keyframe());
+  return answer;
+}
+
+}  // namespace cairn::wire

@@ -1,0 +1,156 @@
+#include "wire/convert.h"
+
+namespace cairn::wire {
+namespace {
+
+v1::SessionInfo::Policy Write(map::SessionPolicy policy) {
+  return policy == map::SessionPolicy::kCreate ? v1::SessionInfo::POLICY_CREATE : v1::SessionInfo::POLICY_EXTEND;
+}
+
+v1::SessionInfo::Result Write(map::SessionResult result) {
+  switch (result) {
+    case map::SessionResult::kUnknown:
+      return v1::SessionInfo::RESULT_UNSPECIFIED;
+    case map::SessionResult::kCreated:
+      return v1::SessionInfo::RESULT_CREATED;
+    case map::SessionResult::kLocated:
+      return v1::SessionInfo::RESULT_LOCATED;
+    case map::SessionResult::kApart:
+      return v1::SessionInfo::RESULT_APART;
+  }
+  return v1::SessionInfo::RESULT_UNSPECIFIED;
+}
+
+map::SessionResult ReadResult(v1::SessionInfo::Result result) {
+  switch (result) {
+    case v1::SessionInfo::RESULT_CREATED:
+      return map::SessionResult::kCreated;
+    case v1::SessionInfo::RESULT_LOCATED:
+      return map::SessionResult::kLocated;
+    case v1::SessionInfo::RESULT_APART:
+      return map::SessionResult::kApart;
+    default:
+      return map::SessionResult::kUnknown;
+  }
+}
+
+void WriteSession(const map::Session& session, v1::SessionInfo* out) {
+  out->set_id(session.id.value());
+  out->set_camera(session.camera.value());
+  out->set_source(session.source);
+  out->set_software_version(session.software_version);
+  out->set_first_ns(session.first_ns);
+  out->set_last_ns(session.last_ns);
+  out->set_started_unix_ns(session.started_unix_ns);
+  out->set_ended_unix_ns(session.ended_unix_ns);
+  out->set_complete(session.complete);
+  out->set_removed(session.removed);
+  out->set_policy(Write(session.policy));
+  out->set_result(Write(session.result));
+  for (const ComponentId component : session.components) out->add_components(component.value());
+}
+
+map::Session ReadSession(const v1::SessionInfo& message) {
+  map::Session session;
+  session.id = SessionId(message.id());
+  session.camera = CameraId(message.camera());
+  session.source = message.source();
+  session.software_version = message.software_version();
+  session.first_ns = message.first_ns();
+  session.last_ns = message.last_ns();
+  session.started_unix_ns = message.started_unix_ns();
+  session.ended_unix_ns = message.ended_unix_ns();
+  session.complete = message.complete();
+  session.removed = message.removed();
+  session.policy =
+      message.policy() == v1::SessionInfo::POLICY_EXTEND ? map::SessionPolicy::kExtend : map::SessionPolicy::kCreate;
+  session.result = ReadResult(message.result());
+  for (const std::uint32_t component : message.components()) session.components.emplace_back(component);
+  return session;
+}
+
+}  // namespace
+
+void ToProto(const api::MapSummary& summary, v1::MapSummary* out) {
+  out->set_name(summary.name);
+  out->set_error(std::string(summary.status.message()));
+  out->set_id(summary.id);
+  out->set_title(summary.title);
+  out->set_revision(summary.revision);
+  out->set_format_version(summary.format_version);
+  out->set_keyframes(summary.keyframes);
+  out->set_points(summary.points);
+  out->set_cameras(summary.cameras);
+  out->set_components(summary.components);
+  out->set_sessions(summary.sessions);
+  out->set_file_bytes(summary.file_bytes);
+  out->set_open(summary.open);
+  out->set_writing(summary.writing);
+}
+
+api::MapSummary FromProto(const v1::MapSummary& message) {
+  api::MapSummary summary;
+  summary.name = message.name();
+  if (!message.error().empty()) summary.status = absl::DataLossError(message.error());
+  summary.id = message.id();
+  summary.title = message.title();
+  summary.revision = message.revision();
+  summary.format_version = message.format_version();
+  summary.keyframes = message.keyframes();
+  summary.points = message.points();
+  summary.cameras = message.cameras();
+  summary.components = message.components();
+  summary.sessions = message.sessions();
+  summary.file_bytes = message.file_bytes();
+  summary.open = message.open();
+  summary.writing = message.writing();
+  return summary;
+}
+
+void ToProto(const api::MapDescription& description, v1::DescribeMapResponse* out) {
+  ToProto(description.summary, out->mutable_summary());
+  for (const api::CameraInfo& camera : description.cameras) {
+    v1::CameraInfo* info = out->add_cameras();
+    info->set_id(camera.id.value());
+    info->set_name(camera.name);
+    ToProto(camera.camera, info->mutable_camera());
+    info->set_lens_corrected(camera.lens_corrected);
+  }
+  for (const api::ComponentInfo& component : description.components) {
+    v1::ComponentInfo* info = out->add_components();
+    info->set_id(component.id.value());
+    info->set_session(component.session.value());
+    info->set_keyframes(component.keyframes);
+    if (component.world_from_component) ToProto(*component.world_from_component, info->mutable_world_from_component());
+    info->set_joined_into(component.joined_into.value());
+  }
+  for (const map::Session& session : description.sessions) WriteSession(session, out->add_sessions());
+}
+
+absl::StatusOr<api::MapDescription> FromProto(const v1::DescribeMapResponse& message) {
+  api::MapDescription description;
+  description.summary = FromProto(message.summary());
+  for (const v1::CameraInfo& info : message.cameras()) {
+    api::CameraInfo camera;
+    camera.id = CameraId(info.id());
+    camera.name = info.name();
+    CAIRN_ASSIGN_OR_RETURN(camera.camera, FromProto(info.camera()));
+    camera.lens_corrected = info.lens_corrected();
+    description.cameras.push_back(std::move(camera));
+  }
+  for (const v1::ComponentInfo& info : message.components()) {
+    api::ComponentInfo component;
+    component.id = ComponentId(info.id());
+    component.session = SessionId(info.session());
+    component.keyframes = info.keyframes();
+    if (info.has_world_from_component()) {
+      CAIRN_ASSIGN_OR_RETURN(component.world_from_component, FromProto(info.world_from_component()));
+    }
+    component.joined_into = ComponentId(info.joined_into());
+    description.components.push_back(component);
+  }
+  for (const v1::SessionInfo& session : message.sessions()) description.sessions.push_back(ReadSession(session));
+  return description;
+}
+
+}  // namespace cairn::wire
