@@ -1,0 +1,46 @@
+// The map server: the maps of a directory behind gRPC.
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <string>
+
+#include "base/status.h"
+#include "host/map_host.h"
+#include "server/grpc/grpc_server.h"
+
+namespace cairn::server {
+
+struct DaemonOptions {
+  host::MapHostOptions maps;
+  GrpcServerOptions grpc;
+  ImageLimits images;
+  // Listen also where other machines reach it, although whoever does may do everything.
+  bool without_protection = false;
+
+  absl::Status Validate() const;
+};
+
+class Daemon {
+ public:
+  // Listens when it returns.
+  static absl::StatusOr<std::unique_ptr<Daemon>> Start(const DaemonOptions& options);
+  ~Daemon();
+
+  // "127.0.0.1:7878", with the port that it got.
+  const std::string& grpc_address() const { return grpc_address_; }
+  host::MapHost& maps() { return *maps_; }
+
+  // For the owner to call about once a second.
+  void Tick(std::chrono::steady_clock::time_point now) { maps_->CloseIdle(now); }
+  // In order: what is under way gets until `grace` is over.
+  void Stop(std::chrono::milliseconds grace);
+
+ private:
+  Daemon() = default;
+  std::unique_ptr<host::MapHost> maps_;
+  std::unique_ptr<GrpcServer> grpc_;
+  std::string grpc_address_;
+};
+
+}  // namespace cairn::server

@@ -1,0 +1,50 @@
+#include "server/daemon/daemon.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace cairn::server {
+namespace {
+
+DaemonOptions Options() {
+  DaemonOptions options;
+  options.maps.directory = testing::TempDir();
+  options.grpc.address = "127.0.0.1:0";
+  return options;
+}
+
+TEST(Daemon, DoesNotListenBeyondThisMachineUnlessToldSoInWords) {
+  DaemonOptions options = Options();
+  options.grpc.address = "0.0.0.0:0";
+  const absl::Status refused = Daemon::Start(options).status();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(refused.message()), testing::HasSubstr("--without-protection"));
+  options.without_protection = true;
+  EXPECT_TRUE(Daemon::Start(options).ok());
+}
+
+TEST(Daemon, SaysWhereItListensAndThatAnAddressIsTaken) {
+  const auto daemon = Daemon::Start(Options());
+  ASSERT_TRUE(daemon.ok()) << daemon.status();
+  EXPECT_THAT((*daemon)->grpc_address(), testing::MatchesRegex("127.0.0.1:[1-9][0-9]+"));
+  DaemonOptions taken = Options();
+  taken.grpc.address = (*daemon)->grpc_address();
+  EXPECT_EQ(Daemon::Start(taken).status().code(), absl::StatusCode::kUnavailable);
+  (*daemon)->Stop(std::chrono::seconds(1));
+  EXPECT_TRUE(Daemon::Start(taken).ok()) << "free again";
+}
+
+TEST(Daemon, ErrorsOfOptions) {
+  DaemonOptions options = Options();
+  options.grpc.address = "7878";
+  EXPECT_EQ(Daemon::Start(options).status().code(), absl::StatusCode::kInvalidArgument);
+  options = Options();
+  options.images.max_pixels = 0;
+  EXPECT_EQ(Daemon::Start(options).status().code(), absl::StatusCode::kInvalidArgument);
+  options = Options();
+  options.maps.directory = "/not/there";
+  EXPECT_EQ(Daemon::Start(options).status().code(), absl::StatusCode::kNotFound);
+}
+
+}  // namespace
+}  // namespace cairn::server

@@ -1,0 +1,67 @@
+#include "server/grpc/grpc_server.h"
+
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/health_check_service_interface.h>
+
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "server/grpc/services.h"
+
+namespace cairn::server {
+namespace {
+
+class Server final : public GrpcServer {
+ public:
+  explicit Server(const CallContext& context) : context_(context), services_(MakeServices(&context_)) {}
+  ~Server() override { Stop(std::chrono::milliseconds(0)); }
+
+  absl::Status Listen(const GrpcServerOptions& options) {
+    grpc::EnableDefaultHealthCheckService(true);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    grpc::ResourceQuota quota("cairnd");
+    quota.SetMaxThreads(options.max_threads);
+    grpc::ServerBuilder builder;
+    builder.SetResourceQuota(quota);
+    builder.SetMaxReceiveMessageSize(static_cast<int>(options.max_message_bytes));
+    // Two servers on one port would share its clients.
+    builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+    builder.AddListeningPort(options.address, grpc::InsecureServerCredentials(), &port_);
+    for (const auto& service : services_) builder.RegisterService(service.get());
+    server_ = builder.BuildAndStart();
+    if (server_ == nullptr) {
+      return absl::UnavailableError(
+          absl::StrCat("cannot listen on ", options.address, ": is it taken, or not an address of this machine?"));
+    }
+    if (absl::StartsWith(options.address, "unix:")) port_ = 0;
+    return absl::OkStatus();
+  }
+
+  int port() const override { return port_; }
+
+  void Stop(std::chrono::milliseconds grace) override {
+    if (server_ == nullptr) return;
+    server_->Shutdown(std::chrono::system_clock::now() + grace);
+    server_->Wait();
+    server_.reset();
+  }
+
+ private:
+  const CallContext context_;
+  const std::vector<std::unique_ptr<grpc::Service>> services_;
+  std::unique_ptr<grpc::Server> server_;
+  int port_ = 0;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<GrpcServer>> GrpcServer::Start(const GrpcServerOptions& options,
+                                                              const CallContext& context) {
+  auto server = std::make_unique<Server>(context);
+  CAIRN_RETURN_IF_ERROR(server->Listen(options));
+  return server;
+}
+
+}  // namespace cairn::server

@@ -1,0 +1,51 @@
+// Remote equals local: the conformance suites, asked over gRPC.
+#include "client/conformance/localizer_conformance.h"
+#include "client/conformance/map_service_conformance.h"
+#include "server/grpc/testing_server.h"
+
+namespace cairn::conformance {
+namespace {
+
+// Each keeps the server that it asks.
+
+struct ServiceWithServer : public api::MapService {
+  absl::StatusOr<std::vector<api::MapSummary>> List() override { return service->List(); }
+  absl::StatusOr<api::MapDescription> Describe(const std::string& map) override { return service->Describe(map); }
+  absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override {
+    return service->Localize(map, query);
+  }
+
+  std::unique_ptr<server::TestingServer> server;
+  std::unique_ptr<client::RemoteMapService> service;
+};
+
+struct LocalizerWithServer : public api::Localizer {
+  absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override {
+    return localizer->Localize(query);
+  }
+
+  std::unique_ptr<server::TestingServer> server;
+  std::unique_ptr<client::RemoteLocalizer> localizer;
+};
+
+absl::StatusOr<std::unique_ptr<api::MapService>> ConnectService(const std::string& directory) {
+  auto made = std::make_unique<ServiceWithServer>();
+  CAIRN_ASSIGN_OR_RETURN(made->server, server::TestingServer::Start(directory));
+  CAIRN_ASSIGN_OR_RETURN(made->service, client::RemoteMapService::Connect(made->server->Remote()));
+  return made;
+}
+
+absl::StatusOr<std::unique_ptr<api::Localizer>> ConnectLocalizer(const std::string& path) {
+  const std::filesystem::path file(path);
+  auto made = std::make_unique<LocalizerWithServer>();
+  CAIRN_ASSIGN_OR_RETURN(made->server, server::TestingServer::Start(file.parent_path().string()));
+  CAIRN_ASSIGN_OR_RETURN(made->localizer,
+                         client::RemoteLocalizer::Connect(made->server->Remote(), file.stem().string()));
+  return made;
+}
+
+INSTANTIATE_TEST_SUITE_P(Remote, LocalizerConformance, testing::Values(LocalizerFactory(&ConnectLocalizer)));
+INSTANTIATE_TEST_SUITE_P(Remote, MapServiceConformance, testing::Values(MapServiceFactory(&ConnectService)));
+
+}  // namespace
+}  // namespace cairn::conformance

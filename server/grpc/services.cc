@@ -1,0 +1,53 @@
+#include "server/grpc/services.h"
+
+#include <cairn/v1/localize.grpc.pb.h>
+#include <cairn/v1/maps.grpc.pb.h>
+
+#include "server/grpc/answer.h"
+
+namespace cairn::server {
+namespace {
+
+using grpc::ServerContext;
+
+class MapsService final : public v1::Maps::Service {
+ public:
+  explicit MapsService(const CallContext* context) : context_(*context) {}
+
+  grpc::Status ListMaps(ServerContext* /*call*/, const v1::ListMapsRequest* request,
+                        v1::ListMapsResponse* response) override {
+    return Answer(context_, "Maps.ListMaps", [&] { return server::ListMaps(context_, *request, response); });
+  }
+  grpc::Status DescribeMap(ServerContext* /*call*/, const v1::DescribeMapRequest* request,
+                           v1::DescribeMapResponse* response) override {
+    return Answer(context_, "Maps.DescribeMap", [&] { return server::DescribeMap(context_, *request, response); });
+  }
+
+ private:
+  const CallContext& context_;
+};
+
+class LocalizeService final : public v1::Localize::Service {
+ public:
+  explicit LocalizeService(const CallContext* context) : context_(*context) {}
+
+  grpc::Status LocalizeImage(ServerContext* /*call*/, const v1::LocalizeImageRequest* request,
+                             v1::LocalizeImageResponse* response) override {
+    return Answer(context_, "Localize.LocalizeImage",
+                  [&] { return server::LocalizeImage(context_, *request, response); });
+  }
+
+ private:
+  const CallContext& context_;
+};
+
+}  // namespace
+
+std::vector<std::unique_ptr<grpc::Service>> MakeServices(const CallContext* context) {
+  std::vector<std::unique_ptr<grpc::Service>> services;
+  services.push_back(std::make_unique<MapsService>(context));
+  services.push_back(std::make_unique<LocalizeService>(context));
+  return services;
+}
+
+}  // namespace cairn::server

@@ -1,0 +1,38 @@
+// A server of a directory's maps in this process, on a loopback port that is free, and what asks it over gRPC.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "client/remote/remote_map_service.h"
+#include "host/map_host.h"
+#include "server/grpc/grpc_server.h"
+
+namespace cairn::server {
+
+class TestingServer {
+ public:
+  static absl::StatusOr<std::unique_ptr<TestingServer>> Start(const std::string& directory,
+                                                              GrpcServerOptions grpc = {}) {
+    auto server = std::make_unique<TestingServer>();
+    host::MapHostOptions options;
+    options.directory = directory;
+    options.refresh_interval_s = 0.0;
+    CAIRN_ASSIGN_OR_RETURN(server->host, host::MapHost::Open(options));
+    grpc.address = "127.0.0.1:0";
+    CAIRN_ASSIGN_OR_RETURN(server->grpc, GrpcServer::Start(grpc, {server->host.get(), {}}));
+    return server;
+  }
+
+  client::RemoteOptions Remote() const {
+    client::RemoteOptions options;
+    options.server = absl::StrCat("127.0.0.1:", grpc->port());
+    return options;
+  }
+
+  std::unique_ptr<host::MapHost> host;
+  std::unique_ptr<GrpcServer> grpc;
+};
+
+}  // namespace cairn::server

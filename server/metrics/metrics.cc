@@ -1,0 +1,118 @@
+#include "server/metrics/metrics.h"
+
+#include <prometheus/counter.h>
+#include <prometheus/gauge.h>
+#include <prometheus/histogram.h>
+#include <prometheus/registry.h>
+#include <prometheus/text_serializer.h>
+#include <unistd.h>
+
+#include <fstream>
+#include <mutex>
+#include <utility>
+
+#include "base/version.h"
+
+namespace cairn::server {
+namespace {
+
+const prometheus::Histogram::BucketBoundaries kSeconds = {0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.1,
+                                                          0.2,   0.5,   1.0,   2.0,  5.0,  10.0, 30.0};
+
+// Of this process; 0 if the system does not say.
+double ResidentBytes() {
+  std::ifstream statm("/proc/self/statm");
+  double pages = 0.0, resident = 0.0;
+  statm >> pages >> resident;
+  return statm ? resident * static_cast<double>(sysconf(_SC_PAGESIZE)) : 0.0;
+}
+
+}  // namespace
+
+struct Metrics::Families {
+  prometheus::Registry registry;
+  prometheus::Family<prometheus::Counter>& calls =
+      prometheus::BuildCounter().Name("cairn_calls_total").Help("Calls, by how they came out").Register(registry);
+  prometheus::Family<prometheus::Histogram>& call_seconds =
+      prometheus::BuildHistogram().Name("cairn_call_seconds").Help("Time that calls took").Register(registry);
+  prometheus::Family<prometheus::Counter>& localized = prometheus::BuildCounter()
+                                                           .Name("cairn_localize_total")
+                                                           .Help("Images asked for: located, or missed at which stage")
+                                                           .Register(registry);
+  prometheus::Histogram& extract_seconds = prometheus::BuildHistogram()
+                                               .Name("cairn_localize_extract_seconds")
+                                               .Help("Undistortion and features of an image")
+                                               .Register(registry)
+                                               .Add({}, kSeconds);
+  prometheus::Histogram& locate_seconds = prometheus::BuildHistogram()
+                                              .Name("cairn_localize_locate_seconds")
+                                              .Help("Finding an image in the map, once it has features")
+                                              .Register(registry)
+                                              .Add({}, kSeconds);
+  prometheus::Gauge& open_maps =
+      prometheus::BuildGauge().Name("cairn_open_maps").Help("Maps in memory").Register(registry).Add({});
+  prometheus::Gauge& open_bytes = prometheus::BuildGauge()
+                                      .Name("cairn_open_maps_bytes")
+                                      .Help("Memory that open maps take, roughly")
+                                      .Register(registry)
+                                      .Add({});
+  prometheus::Gauge& waiting = prometheus::BuildGauge()
+                                   .Name("cairn_localize_waiting")
+                                   .Help("Images that wait to be located")
+                                   .Register(registry)
+                                   .Add({});
+  prometheus::Gauge& resident = prometheus::BuildGauge()
+                                    .Name("process_resident_memory_bytes")
+                                    .Help("Memory of the process")
+                                    .Register(registry)
+                                    .Add({});
+  std::mutex looking;
+};
+
+Metrics::Metrics(std::function<ServerState()> state)
+    : state_(std::move(state)), families_(std::make_unique<Families>()) {
+  prometheus::BuildGauge()
+      .Name("cairn_build_info")
+      .Help("1, with the version")
+      .Register(families_->registry)
+      .Add({{"version", kVersion}})
+      .Set(1.0);
+}
+
+Metrics::~Metrics() = default;
+
+void Metrics::OnCall(absl::string_view call, absl::string_view reason, double seconds) {
+  const std::string name(call);
+  families_->calls.Add({{"call", name}, {"reason", std::string(reason)}}).Increment();
+  families_->call_seconds.Add({{"call", name}}, kSeconds).Observe(seconds);
+}
+
+void Metrics::OnLocalized(const api::LocalizeAnswer& answer) {
+  const std::string outcome = answer.localized ? "located" : api::LocalizeStageName(answer.stage);
+  families_->localized.Add({{"outcome", outcome}}).Increment();
+  families_->extract_seconds.Observe(1e-3 * answer.extract_ms);
+  families_->locate_seconds.Observe(1e-3 * answer.locate_ms);
+}
+
+std::string Metrics::Text() {
+  const ServerState state = state_();
+  const std::lock_guard lock(families_->looking);
+  double bytes = 0.0;
+  prometheus::Registry maps;  // anew with each look: only maps that are open have a line
+  auto& revisions =
+      prometheus::BuildGauge().Name("cairn_map_revision").Help("Newest revision of an open map").Register(maps);
+  for (const ServerState::Map& map : state.open_maps) {
+    bytes += static_cast<double>(map.bytes);
+    revisions.Add({{"map", map.name}}).Set(static_cast<double>(map.revision));
+  }
+  families_->open_maps.Set(static_cast<double>(state.open_maps.size()));
+  families_->open_bytes.Set(bytes);
+  families_->waiting.Set(static_cast<double>(state.waiting));
+  families_->resident.Set(ResidentBytes());
+  std::vector<prometheus::MetricFamily> collected = families_->registry.Collect();
+  std::vector<prometheus::MetricFamily> of_maps = maps.Collect();
+  collected.insert(collected.end(), of_maps.begin(), of_maps.end());
+  return prometheus::TextSerializer().Serialize(collected);
+}
+
+}  // namespace cairn::server

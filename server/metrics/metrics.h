@@ -1,0 +1,42 @@
+// What the server counts, as Prometheus reads it (docs/server.md lists the names).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "server/rpc/calls.h"
+
+namespace cairn::server {
+
+// What is looked up when somebody asks for the metrics.
+struct ServerState {
+  struct Map {
+    std::string name;
+    Revision revision = 0;
+    std::int64_t bytes = 0;  // in memory, roughly
+  };
+  std::vector<Map> open_maps;
+  std::int64_t waiting = 0;  // images that wait to be located
+};
+
+class Metrics : public CallObserver {
+ public:
+  explicit Metrics(std::function<ServerState()> state);
+  ~Metrics() override;
+
+  void OnCall(absl::string_view call, absl::string_view reason, double seconds) override;
+  void OnLocalized(const api::LocalizeAnswer& answer) override;
+
+  // In Prometheus' text format, version 0.0.4.
+  std::string Text();
+
+ private:
+  struct Families;
+  const std::function<ServerState()> state_;
+  const std::unique_ptr<Families> families_;
+};
+
+}  // namespace cairn::server

@@ -1,0 +1,41 @@
+// What the calls of cairn.v1 do, one file each, whichever way they came in: requests are checked and become values, an
+// api::MapService answers. Any thread. An error leaves the response undefined.
+#pragma once
+
+#include <cairn/v1/localize.pb.h>
+#include <cairn/v1/maps.pb.h>
+
+#include "absl/strings/string_view.h"
+#include "api/map_service.h"
+#include "base/status.h"
+
+namespace cairn::server {
+
+// How large images may be, whatever they or their camera claim; checked before anything is decoded.
+struct ImageLimits {
+  std::int64_t max_pixels = 16'000'000;
+};
+
+// Who watches what is asked and how it comes out. From any thread.
+class CallObserver {
+ public:
+  virtual ~CallObserver() = default;
+  // `call` as "Maps.ListMaps"; `reason` of wire/errors.h, "ok" if all went well.
+  virtual void OnCall(absl::string_view call, absl::string_view reason, double seconds) = 0;
+  virtual void OnLocalized(const api::LocalizeAnswer& answer) = 0;
+};
+
+// What a call works with.
+struct CallContext {
+  api::MapService* maps = nullptr;
+  ImageLimits images;
+  CallObserver* observer = nullptr;  // null: nobody
+};
+
+absl::Status ListMaps(const CallContext& context, const v1::ListMapsRequest& request, v1::ListMapsResponse* response);
+absl::Status DescribeMap(const CallContext& context, const v1::DescribeMapRequest& request,
+                         v1::DescribeMapResponse* response);
+absl::Status LocalizeImage(const CallContext& context, const v1::LocalizeImageRequest& request,
+                           v1::LocalizeImageResponse* response);
+
+}  // namespace cairn::server
