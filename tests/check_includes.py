@@ -22,15 +22,18 @@ ALLOWED = {
     'api': ['map'],
     'engine': ['api', 'direct', 'mapping', 'store'],
     'cairn': [],  # the public headers
-    'client': ['api', 'direct', 'tracking', 'store', 'cairn'],
+    'wire': ['api', 'store'],
+    'client': ['api', 'direct', 'tracking', 'store', 'wire', 'cairn'],
+    'host': ['engine', 'client'],
+    'server': ['host', 'wire', 'io'],
     'synth': ['io'],
     'eval': ['io'],
     'plot': ['io'],
-    'cli': ['client', 'engine', 'io', 'synth', 'eval', 'plot'],
+    'cli': ['client', 'engine', 'host', 'io', 'synth', 'eval', 'plot'],
 }
 # Headers of a module that another may include although the module as a whole is closed to it.
 ONLY_HEADERS = {('mapping', 'direct'): {'direct/packet.h'}}
-FOLDERS = {**{name: f'src/{name}' for name in ALLOWED}, 'cairn': 'client/include', 'client': 'client', 'synth': 'tools/synth', 'eval': 'tools/eval',
+FOLDERS = {**{name: f'src/{name}' for name in ALLOWED}, 'cairn': 'client/include', 'client': 'client', 'server': 'server', 'synth': 'tools/synth', 'eval': 'tools/eval',
            'plot': 'tools/plot', 'cli': 'tools/cli'}
 INCLUDE = re.compile(r'^\s*#include\s+"([a-z_]+)/')
 # What public headers may include: each other, the standard library, Abseil's Status; conversions.h also what it converts.

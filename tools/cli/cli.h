@@ -24,6 +24,7 @@ void AddRunCommand(CLI::App& app, Action* action);
 void AddLocalizeCommand(CLI::App& app, Action* action);
 void AddTrackCommand(CLI::App& app, Action* action);
 void AddInfoCommand(CLI::App& app, Action* action);
+void AddLsCommand(CLI::App& app, Action* action);
 void AddAlignCommand(CLI::App& app, Action* action);
 void AddLogCommand(CLI::App& app, Action* action);
 void AddEvalCommand(CLI::App& app, Action* action);

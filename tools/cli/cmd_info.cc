@@ -5,7 +5,9 @@
 
 #include "cli/cli.h"
 #include "cli/component_report.h"
+#include "cli/described_map.h"
 #include "cli/pictures.h"
+#include "cli/server_option.h"
 #include "cli/session_report.h"
 #include "cli/unix_time.h"
 #include "store/map_store.h"
@@ -15,6 +17,7 @@ namespace {
 
 struct InfoOptions {
   std::string map;
+  std::string server;
   std::string picture;
   bool digest = false;
   bool overwrite = false;
@@ -166,20 +169,39 @@ absl::Status Info(const InfoOptions& options) {
   return absl::OkStatus();
 }
 
+absl::Status InfoOfServed(const InfoOptions& options) {
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
+  CAIRN_ASSIGN_OR_RETURN(const api::MapDescription map, service->Describe(options.map));
+  if (options.json) {
+    PrintJson(DescribedMapAsJson(map));
+  } else {
+    PrintDescribedMap(map);
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 void AddInfoCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("info", "Describe a map: size, sessions, cameras, alignment");
   auto options = std::make_shared<InfoOptions>();
-  verb->add_option("MAP", options->map, "Map file (.cairn)")->required();
+  verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("--picture", options->picture, "Draw the map from above to this .png or .svg file");
   verb->add_flag("--digest", options->digest, "Also print a hash of the content, equal for equal maps");
   verb->add_flag("--overwrite", options->overwrite, "Replace the picture if it exists");
   verb->add_flag("--json", options->json, "Answer in JSON");
-  verb->footer("Example:\n  cairn info office.cairn --picture office.png");
-  verb->callback([=] {
+  verb->footer(
+      "Examples:\n"
+      "  cairn info office.cairn --picture office.png\n"
+      "  cairn --server localhost:7878 info office");
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
     *action = [=] {
-      const absl::Status status = Info(*options);
+      const bool served = !options->server.empty();
+      if (served && (options->digest || !options->picture.empty())) {
+        return FailUsage("info", "--digest and --picture need the map file: not with --server", options->json);
+      }
+      const absl::Status status = served ? InfoOfServed(*options) : Info(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("info", status, options->json);
     };
   });

@@ -13,9 +13,10 @@
 #include "cli/component_report.h"
 #include "cli/input_options.h"
 #include "cli/interrupt.h"
+#include "cli/localize_target.h"
 #include "cli/pictures.h"
 #include "cli/sample_statistics.h"
-#include "client/local_localizer.h"
+#include "cli/server_option.h"
 #include "io/camera_file.h"
 #include "io/trajectory.h"
 #include "store/map_store.h"
@@ -25,6 +26,7 @@ namespace {
 
 struct LocalizeOptions {
   InputOptions input;
+  std::string server;
   std::string map;
   std::string out;
   std::string picture;
@@ -210,19 +212,19 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
 }
 
 // On to what others have added to the map since. False if that cannot be read any more: what is known still answers.
-bool Follow(client::LocalLocalizer& localizer, Summary* summary) {
+bool Follow(LocalizeTarget& localizer, Summary* summary) {
   const absl::StatusOr<bool> newer = localizer.Refresh();
   if (!newer.ok()) {
-    std::cerr << "\ncairn localize: " << newer.status().message() << "; going on with revision "
-              << localizer.snapshot().revision() << "\n";
+    std::cerr << "\ncairn localize: " << newer.status().message() << "; going on with revision " << localizer.revision()
+              << "\n";
     return false;
   }
-  if (*newer && summary->metric) summary->together = TogetherInOneFrame(localizer.snapshot());
+  if (*newer && summary->metric) summary->together = localizer.frame().components;
   return true;
 }
 
 // Every image until the end, an error, or `stop`, each in the newest revision.
-absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source, client::LocalLocalizer& localizer,
+absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source, LocalizeTarget& localizer,
                          const std::atomic<bool>& stop, SkippedFrames* skipped, Summary* summary) {
   Progress progress("localizing", source.info().num_frames, options.json || options.verbose);
   bool follows = true;
@@ -244,13 +246,13 @@ absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source
   return absl::OkStatus();
 }
 
-absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, client::LocalLocalizer& localizer,
+absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, LocalizeTarget& localizer,
                                      InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input, "localize"));
   SkippedFrames skipped("localize", options.json);
   Summary summary;
-  summary.together = TogetherInOneFrame(localizer.snapshot());
-  summary.metric = !summary.together.empty() && localizer.snapshot().WorldFrom(summary.together[0]).has_value();
+  summary.together = localizer.frame().components;
+  summary.metric = localizer.frame().metric;
   absl::Status status;
   {
     std::atomic<bool> stop = false;
@@ -273,6 +275,9 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, client::Loc
 absl::StatusOr<int> Localize(const LocalizeOptions& options) {
   InterruptWatch interrupt;
   std::error_code error;
+  if (!options.server.empty() && !options.picture.empty()) {
+    return FailUsage("localize", "--picture draws a map file: not with --server", options.json);
+  }
   const bool photo = std::filesystem::is_regular_file(options.input.sequence, error);
   if (!std::filesystem::exists(options.input.sequence, error)) {
     return absl::NotFoundError(
@@ -291,14 +296,14 @@ absl::StatusOr<int> Localize(const LocalizeOptions& options) {
         options.json);
   }
   std::vector<std::string> inputs = InputFiles(options.input);
-  inputs.push_back(options.map);
+  if (options.server.empty()) inputs.push_back(options.map);
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out, options.picture}, inputs));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   for (const std::string* output : {&options.out, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::LocalLocalizer> localizer,
-                         client::LocalLocalizer::Open(options.map));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<LocalizeTarget> localizer,
+                         OpenLocalizeTarget(options.server, options.map));
   return photo ? LocalizePhoto(options, *localizer) : LocalizeSequence(options, *localizer, &interrupt);
 }
 
@@ -308,7 +313,8 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("localize", "Find the cameras of a sequence, or of one photo, in a map");
   auto options = std::make_shared<LocalizeOptions>();
   AddInputOptions(verb, &options->input);
-  verb->add_option("--map", options->map, "Map file (.cairn); it is only read")->required();
+  verb->add_option("--map", options->map, "Map file (.cairn), with --server the name of a map there; it is only read")
+      ->required();
   verb->add_option(
       "--out", options->out,
       "Write the poses found to this file (TUM format); of a map of several components those in the aligned "
@@ -325,8 +331,10 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
       "revision.\n"
       "Examples:\n"
       "  cairn localize second_visit --camera camera.yaml --map office.cairn --independent --out poses.txt\n"
-      "  cairn localize photo.jpg --camera camera.yaml --map office.cairn");
-  verb->callback([=] {
+      "  cairn localize photo.jpg --camera camera.yaml --map office.cairn\n"
+      "  cairn --server localhost:7878 localize photo.jpg --camera camera.yaml --map office");
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
     *action = [=] {
       const absl::StatusOr<int> code = Localize(*options);
       return code.ok() ? *code : Fail("localize", code.status(), options->json);

@@ -23,6 +23,7 @@
 #include "base/guarded.h"
 #include "base/version.h"
 #include "cli/cli.h"
+#include "cli/server_option.h"
 
 namespace {
 
@@ -97,11 +98,13 @@ int ParseAndRun(Call* call) {
       "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged, 4 not localized, 5 version, 129, 130 and 143 interrupted.\n"
       "Each verb has its own --help, with examples.");
 
+  AddServerOption(app);
   Action action;
   AddRunCommand(app, &action);
   AddLocalizeCommand(app, &action);
   AddTrackCommand(app, &action);
   AddInfoCommand(app, &action);
+  AddLsCommand(app, &action);
   AddAlignCommand(app, &action);
   AddLogCommand(app, &action);
   AddEvalCommand(app, &action);
@@ -151,7 +154,8 @@ int CloseOutput(const Call& call, int code) {
 int main(int argc, char** argv) {
   FillStandardStreams();
   std::set_terminate(EndInOrder);
-  std::signal(SIGXFSZ, SIG_IGN);  // writing beyond the limit is an error like a full disk
+  setenv("GRPC_VERBOSITY", "NONE", /*overwrite=*/0);  // what goes wrong is in the answers
+  std::signal(SIGXFSZ, SIG_IGN);                      // writing beyond the limit is an error like a full disk
   Call call;
   int code = cairn::cli::kFailure;
   absl::Status status = cairn::Guarded([&] {

@@ -1,0 +1,119 @@
+"""A server of maps, as its users see it: cairnd, and cairn --server."""
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+import unittest
+
+from cairn_cli import cairn, must
+
+DAEMON = os.environ['CAIRND_BINARY']
+
+
+class Server:
+    """A cairnd on a loopback port that is free."""
+
+    def __init__(self, maps, *arguments):
+        self.process = subprocess.Popen([DAEMON, '--maps', str(maps), '--listen', '127.0.0.1:0', *map(str, arguments)],
+                                        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        line = self.process.stdout.readline()
+        if 'gRPC on ' not in line:
+            raise AssertionError(f'{line}{self.process.stderr.read()}')
+        self.address = line.split('gRPC on ')[1].split(',')[0].strip()
+
+    def stop(self, sent=signal.SIGTERM):
+        self.process.send_signal(sent)
+        self.process.communicate(timeout=20)
+        return self.process.returncode
+
+
+class ServedMaps(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = pathlib.Path(tempfile.mkdtemp(prefix='cairn-e2e-'))
+        cls.visit, cls.maps = cls.folder / 'visit', cls.folder / 'maps'
+        cls.maps.mkdir()
+        cls.map = cls.maps / 'office.cairn'
+        size = ['--image-size', 480, 360, '--focal', 315]
+        must('synth', 'office', '--seed', 4, '--duration', 5, *size, '--out', cls.visit)
+        must('run', cls.visit, '--deterministic', '--map', cls.map)
+        must('align', cls.map, '--groundtruth', cls.visit / 'groundtruth_cam0.txt')
+        cls.digest = must('info', cls.map, '--digest')['digest']
+        cls.server = Server(cls.maps)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.server.stop()
+        shutil.rmtree(cls.folder)
+
+    def ask(self, *arguments, server=None):
+        return cairn('--server', server or self.server.address, *arguments)
+
+    def test_lists_and_describes_what_the_directory_has(self):
+        served = self.ask('ls')
+        self.assertEqual(served.code, 0, served.out)
+        here, there = must('ls', self.maps)['maps'], served.json['maps']
+        for name in ('name', 'id', 'revision', 'keyframes', 'points', 'bytes'):
+            self.assertEqual([m[name] for m in here], [m[name] for m in there])
+        described = self.ask('info', 'office').json
+        of_file = must('info', self.map)
+        self.assertEqual(described['revision'], of_file['revision'])
+        self.assertEqual(described['keyframes'], of_file['keyframes'])
+        self.assertEqual([c['aligned'] for c in described['components']], [c['aligned'] for c in of_file['components']])
+        self.assertIn('office', cairn('--server', self.server.address, 'ls', json_output=False).out)
+        self.assertIn('aligned to the world', cairn('--server', self.server.address, 'info', 'office', json_output=False).out)
+
+    def test_locates_as_the_file_does(self):
+        out = {}
+        arguments = [self.visit, '--stride', 15, '--independent', '--out']
+        for name, extra in (('local', ['--map', self.map]), ('served', ['--map', 'office'])):
+            out[name] = self.folder / f'{name}.txt'
+            answer = (must if name == 'local' else lambda *a: self.ask(*a).json)('localize', *arguments, out[name], *extra)
+            self.assertEqual(answer['localized'], answer['frames'])
+            self.assertEqual(answer['frame'], 'world')
+        self.assertEqual(out['local'].read_text(), out['served'].read_text())
+        self.assertEqual(must('info', self.map, '--digest')['digest'], self.digest, 'the map is not touched')
+
+    def test_a_photo(self):
+        photo = sorted((self.visit / 'mav0/cam0/data').glob('*.png'))[7]
+        camera = self.folder / 'camera.yaml'
+        camera.write_text('model: pinhole\nresolution_px: [480, 360]\nintrinsics_px: [315, 315, 239.5, 179.5]\n')
+        answer = self.ask('localize', photo, '--camera', camera, '--map', 'office')
+        self.assertEqual(answer.code, 0, answer.out)
+        self.assertTrue(answer.json['localized'])
+
+    def test_errors_say_what_to_do(self):
+        missing = self.ask('info', 'kitchen')
+        self.assertEqual(missing.code, 1)
+        self.assertEqual(missing.json['fault'], 'not_found')
+        self.assertIn('kitchen', missing.json['error'])
+        self.assertEqual(self.ask('info', '../office').code, 1)
+        nobody = self.ask('ls', server='127.0.0.1:9')
+        self.assertEqual(nobody.code, 1)
+        self.assertIn('is cairnd running there?', nobody.json['error'])
+        self.assertEqual(self.ask('info', 'office', '--digest').code, 2)
+        self.assertEqual(cairn('ls').code, 2)
+
+    def test_refuses_what_it_should_not_do(self):
+        def refusal(*arguments):
+            done = subprocess.run([DAEMON, *map(str, arguments)], capture_output=True, text=True, timeout=20)
+            self.assertNotEqual(done.returncode, 0)
+            return done.stderr
+        self.assertIn('--without-protection', refusal('--maps', self.maps, '--listen', '0.0.0.0:0'))
+        self.assertIn('is it taken', refusal('--maps', self.maps, '--listen', self.server.address))
+        self.assertIn('no directory', refusal('--maps', self.folder / 'nowhere'))
+
+    def test_stops_in_order(self):
+        for sent in (signal.SIGTERM, signal.SIGINT):
+            server = Server(self.maps)
+            self.assertEqual(self.ask('ls', server=server.address).code, 0)
+            begun = time.monotonic()
+            self.assertEqual(server.stop(sent), 0)
+            self.assertLess(time.monotonic() - begun, 5)
+
+
+if __name__ == '__main__':
+    unittest.main()

@@ -1,0 +1,87 @@
+#include "cli/described_map.h"
+
+#include <cstdio>
+
+#include "cli/unix_time.h"
+
+namespace cairn::cli {
+namespace {
+
+long long L(std::int64_t value) { return static_cast<long long>(value); }
+
+}  // namespace
+
+nlohmann::ordered_json SummaryAsJson(const api::MapSummary& map) {
+  if (!map.status.ok()) return {{"name", map.name}, {"error", std::string(map.status.message())}};
+  return {{"name", map.name},           {"id", map.id},
+          {"title", map.title},         {"revision", map.revision},
+          {"keyframes", map.keyframes}, {"points", map.points},
+          {"cameras", map.cameras},     {"components", map.components},
+          {"sessions", map.sessions},   {"format_version", map.format_version},
+          {"bytes", map.file_bytes},    {"open", map.open},
+          {"writing", map.writing}};
+}
+
+nlohmann::ordered_json DescribedMapAsJson(const api::MapDescription& map) {
+  nlohmann::ordered_json json = SummaryAsJson(map.summary);
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array(), components = cameras, sessions = cameras;
+  for (const api::CameraInfo& camera : map.cameras) {
+    cameras.push_back({{"id", camera.id.value()},
+                       {"name", camera.name},
+                       {"model", camera.camera.Describe()},
+                       {"lens_corrected", camera.lens_corrected}});
+  }
+  for (const api::ComponentInfo& component : map.components) {
+    components.push_back({{"id", component.id.value()},
+                          {"keyframes", component.keyframes},
+                          {"begun_by_session", component.session.value()},
+                          {"aligned", component.world_from_component.has_value()},
+                          {"joined_into", component.joined_into ? nlohmann::ordered_json(component.joined_into.value())
+                                                                : nlohmann::ordered_json(nullptr)}});
+  }
+  for (const map::Session& session : map.sessions) {
+    sessions.push_back({{"id", session.id.value()},
+                        {"source", session.source},
+                        {"camera", session.camera.value()},
+                        {"duration_s", ToSeconds(session.last_ns - session.first_ns)},
+                        {"complete", session.complete},
+                        {"removed", session.removed},
+                        {"policy", map::SessionPolicyName(session.policy)},
+                        {"result", map::SessionResultName(session.result)},
+                        {"software_version", session.software_version},
+                        {"started", FormatUnixTime(session.started_unix_ns)}});
+  }
+  // In place of their numbers.
+  json["cameras"] = cameras;
+  json["components"] = components;
+  json["sessions"] = sessions;
+  return json;
+}
+
+void PrintDescribedMap(const api::MapDescription& map) {
+  const api::MapSummary& summary = map.summary;
+  std::printf("%s: map \"%s\", revision %lld%s\n", summary.name.c_str(), summary.title.c_str(),
+              L(static_cast<std::int64_t>(summary.revision)), summary.writing ? ", being extended" : "");
+  std::printf("  %lld keyframes, %lld points, %.1f MB, id %s\n", L(summary.keyframes), L(summary.points),
+              static_cast<double>(summary.file_bytes) / 1e6, summary.id.c_str());
+  for (const api::ComponentInfo& component : map.components) {
+    if (component.joined_into) {
+      std::printf("  component %u was joined to %u\n", component.id.value(), component.joined_into.value());
+    } else {
+      std::printf("  component %u: %lld keyframes, %s\n", component.id.value(), L(component.keyframes),
+                  component.world_from_component ? "aligned to the world" : "not aligned (cairn align)");
+    }
+  }
+  for (const api::CameraInfo& camera : map.cameras) {
+    std::printf("  camera %u, %s: %s%s\n", camera.id.value(), camera.name.c_str(), camera.camera.Describe().c_str(),
+                camera.lens_corrected ? ", lens corrected by the map" : "");
+  }
+  for (const map::Session& session : map.sessions) {
+    const std::string started = FormatUnixTime(session.started_unix_ns);
+    std::printf("  session %u: %s, camera %u, %.1f s, by cairn %s%s%s%s\n", session.id.value(), session.source.c_str(),
+                session.camera.value(), ToSeconds(session.last_ns - session.first_ns), session.software_version.c_str(),
+                started.empty() ? "" : " on ", started.c_str(), session.complete ? "" : " (running, or cut off)");
+  }
+}
+
+}  // namespace cairn::cli

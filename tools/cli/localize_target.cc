@@ -1,0 +1,83 @@
+#include "cli/localize_target.h"
+
+#include <utility>
+
+#include "cli/component_report.h"
+#include "cli/server_option.h"
+#include "client/local_localizer.h"
+
+namespace cairn::cli {
+namespace {
+
+class MapFile final : public LocalizeTarget {
+ public:
+  explicit MapFile(std::unique_ptr<client::LocalLocalizer> localizer) : localizer_(std::move(localizer)) { Look(); }
+
+  absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override {
+    return localizer_->Localize(query);
+  }
+  absl::StatusOr<bool> Refresh() override {
+    CAIRN_ASSIGN_OR_RETURN(const bool newer, localizer_->Refresh());
+    if (newer) Look();
+    return newer;
+  }
+  Revision revision() const override { return localizer_->snapshot().revision(); }
+  const CommonFrame& frame() const override { return frame_; }
+
+ private:
+  void Look() {
+    const map::Snapshot& map = localizer_->snapshot();
+    frame_.components = TogetherInOneFrame(map);
+    frame_.metric = !frame_.components.empty() && map.WorldFrom(frame_.components[0]).has_value();
+  }
+
+  const std::unique_ptr<client::LocalLocalizer> localizer_;
+  CommonFrame frame_;
+};
+
+// The server answers from the newest revision by itself.
+class ServedMap final : public LocalizeTarget {
+ public:
+  ServedMap(std::unique_ptr<client::RemoteMapService> service, const std::string& map,
+            const api::MapDescription& description)
+      : service_(std::move(service)), localizer_(service_.get(), map), revision_(description.summary.revision) {
+    std::int64_t most = 0;
+    for (const api::ComponentInfo& component : description.components) {
+      if (component.joined_into || component.keyframes == 0) continue;
+      const bool aligned = component.world_from_component.has_value();
+      if (frame_.metric && !aligned) continue;
+      if (!aligned && component.keyframes <= most) continue;
+      if (!aligned || !frame_.metric) frame_.components.clear();
+      frame_.components.push_back(component.id);
+      frame_.metric = aligned;
+      most = component.keyframes;
+    }
+  }
+
+  absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override {
+    return localizer_.Localize(query);
+  }
+  absl::StatusOr<bool> Refresh() override { return false; }
+  Revision revision() const override { return revision_; }
+  const CommonFrame& frame() const override { return frame_; }
+
+ private:
+  const std::unique_ptr<client::RemoteMapService> service_;
+  api::ServedLocalizer localizer_;
+  const Revision revision_;
+  CommonFrame frame_;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<LocalizeTarget>> OpenLocalizeTarget(const std::string& server, const std::string& map) {
+  if (server.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::LocalLocalizer> localizer, client::LocalLocalizer::Open(map));
+    return std::make_unique<MapFile>(std::move(localizer));
+  }
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::RemoteMapService> service, ConnectTo(server));
+  CAIRN_ASSIGN_OR_RETURN(const api::MapDescription description, service->Describe(map));
+  return std::make_unique<ServedMap>(std::move(service), map, description);
+}
+
+}  // namespace cairn::cli
