@@ -108,7 +108,8 @@ TEST_F(GrpcServerTest, MessagesBeyondTheLimitAreRefusedAndTheServerGoesOn) {
 TEST_F(GrpcServerTest, SaysThatItIsHealthy) {
   const grpc::internal::RpcMethod check("/grpc.health.v1.Health/Check", grpc::internal::RpcMethod::NORMAL_RPC);
   grpc::ClientContext context;
-  const grpc::ByteBuffer nothing;  // of the server as a whole
+  const grpc::Slice empty;
+  const grpc::ByteBuffer nothing(&empty, 1);  // of the server as a whole
   grpc::ByteBuffer response;
   const grpc::Status status = grpc::internal::BlockingUnaryCall<grpc::ByteBuffer, grpc::ByteBuffer>(
       channel_.get(), check, &context, nothing, &response);

@@ -189,9 +189,10 @@ absl::StatusOr<std::vector<api::MapSummary>> MapHost::List() {
     for (const std::string& name : names) {
       absl::StatusOr<api::MapSummary> summary = Summarize(name);
       if (absl::IsNotFound(summary.status())) continue;  // removed meanwhile
+      const absl::Status told = Told(summary.status());
       summaries.push_back(summary.ok() ? *std::move(summary) : api::MapSummary());
       summaries.back().name = name;
-      summaries.back().status = Told(summary.status());
+      summaries.back().status = told;
       summaries.back().open = std::ranges::binary_search(open, name);
     }
     return summaries;
