@@ -1,5 +1,6 @@
 #include "server/daemon/daemon.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -14,6 +15,24 @@ std::string Bound(const std::string& address, int port) {
   return absl::StrCat(address.substr(0, address.rfind(':')), ":", port);
 }
 
+absl::Status CheckLoopback(const std::string& address) {
+  if (IsLoopback(address)) return absl::OkStatus();
+  return absl::FailedPreconditionError(
+      absl::StrCat("other machines reach ", address,
+                   ", and nothing protects the maps there: listen on 127.0.0.1 and let them come through ssh or a "
+                   "proxy that asks who they are, or say --without-protection if everyone who gets there may do "
+                   "everything"));
+}
+
+ServerState StateOf(host::MapHost& maps) {
+  ServerState state;
+  for (const host::MapHost::OpenMap& map : maps.OpenMaps()) {
+    state.open_maps.push_back({map.name, map.revision, map.bytes});
+  }
+  state.waiting = maps.waiting();
+  return state;
+}
+
 }  // namespace
 
 absl::Status DaemonOptions::Validate() const {
@@ -24,30 +43,43 @@ absl::Status DaemonOptions::Validate() const {
   }
   if (grpc.max_threads < 8) return absl::InvalidArgumentError("grpc: max_threads must be at least 8");
   if (images.max_pixels < 1) return absl::InvalidArgumentError("images: max_pixels must be positive");
-  if (!IsLoopback(grpc.address) && !without_protection) {
-    return absl::FailedPreconditionError(
-        absl::StrCat("other machines reach ", grpc.address,
-                     ", and nothing protects the maps there: listen on 127.0.0.1 and let them come through ssh or a "
-                     "proxy that asks who they are, or say --without-protection if everyone who gets there may do "
-                     "everything"));
-  }
-  return absl::OkStatus();
+  if (serve_http) CAIRN_RETURN_IF_ERROR(CheckAddress(http.address));
+  if (without_protection) return absl::OkStatus();
+  CAIRN_RETURN_IF_ERROR(CheckLoopback(grpc.address));
+  return serve_http ? CheckLoopback(http.address) : absl::OkStatus();
 }
 
 absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const DaemonOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   auto daemon = std::unique_ptr<Daemon>(new Daemon);
   CAIRN_ASSIGN_OR_RETURN(daemon->maps_, host::MapHost::Open(options.maps));
-  const CallContext context{daemon->maps_.get(), options.images};
-  CAIRN_ASSIGN_OR_RETURN(daemon->grpc_, GrpcServer::Start(options.grpc, context));
-  daemon->grpc_address_ = Bound(options.grpc.address, daemon->grpc_->port());
+  CAIRN_RETURN_IF_ERROR(daemon->Listen(options));
   return daemon;
+}
+
+absl::Status Daemon::Listen(const DaemonOptions& options) {
+  metrics_ = std::make_unique<Metrics>([maps = maps_.get()] { return StateOf(*maps); });
+  const CallContext context{maps_.get(), options.images, metrics_.get()};
+  if (options.serve_http) {
+    const HttpHooks hooks{[maps = maps_.get()] { return maps->Ready(); }, [this] { return metrics_->Text(); }};
+    http_api_ = std::make_unique<HttpApi>(context, hooks);
+    CAIRN_ASSIGN_OR_RETURN(http_, HttpServer::Start(options.http, [api = http_api_.get()](const HttpRequest& request) {
+                             return api->Handle(request);
+                           }));
+    http_address_ = Bound(options.http.address, http_->port());
+  }
+  CAIRN_ASSIGN_OR_RETURN(grpc_, GrpcServer::Start(options.grpc, context));
+  grpc_address_ = Bound(options.grpc.address, grpc_->port());
+  return absl::OkStatus();
 }
 
 Daemon::~Daemon() { Stop(std::chrono::milliseconds(0)); }
 
 void Daemon::Stop(std::chrono::milliseconds grace) {
+  const auto until = std::chrono::steady_clock::now() + grace;
   if (grpc_ != nullptr) grpc_->Stop(grace);
+  const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now());
+  if (http_ != nullptr) http_->Stop(std::max(left, std::chrono::milliseconds(0)));
 }
 
 }  // namespace cairn::server

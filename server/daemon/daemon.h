@@ -1,4 +1,4 @@
-// The map server: the maps of a directory behind gRPC.
+// The map server: the maps of a directory behind gRPC and HTTP.
 #pragma once
 
 #include <chrono>
@@ -8,12 +8,17 @@
 #include "base/status.h"
 #include "host/map_host.h"
 #include "server/grpc/grpc_server.h"
+#include "server/http/http_api.h"
+#include "server/http/http_server.h"
+#include "server/metrics/metrics.h"
 
 namespace cairn::server {
 
 struct DaemonOptions {
   host::MapHostOptions maps;
   GrpcServerOptions grpc;
+  HttpServerOptions http;
+  bool serve_http = true;
   ImageLimits images;
   // Listen also where other machines reach it, although whoever does may do everything.
   bool without_protection = false;
@@ -29,6 +34,7 @@ class Daemon {
 
   // "127.0.0.1:7878", with the port that it got.
   const std::string& grpc_address() const { return grpc_address_; }
+  const std::string& http_address() const { return http_address_; }  // empty: none
   host::MapHost& maps() { return *maps_; }
 
   // For the owner to call about once a second.
@@ -38,9 +44,15 @@ class Daemon {
 
  private:
   Daemon() = default;
+  absl::Status Listen(const DaemonOptions& options);
+
   std::unique_ptr<host::MapHost> maps_;
+  std::unique_ptr<Metrics> metrics_;
+  std::unique_ptr<HttpApi> http_api_;
   std::unique_ptr<GrpcServer> grpc_;
+  std::unique_ptr<HttpServer> http_;
   std::string grpc_address_;
+  std::string http_address_;
 };
 
 }  // namespace cairn::server

@@ -9,7 +9,7 @@ namespace {
 DaemonOptions Options() {
   DaemonOptions options;
   options.maps.directory = testing::TempDir();
-  options.grpc.address = "127.0.0.1:0";
+  options.grpc.address = options.http.address = "127.0.0.1:0";
   return options;
 }
 
@@ -21,13 +21,22 @@ TEST(Daemon, DoesNotListenBeyondThisMachineUnlessToldSoInWords) {
   EXPECT_THAT(std::string(refused.message()), testing::HasSubstr("--without-protection"));
   options.without_protection = true;
   EXPECT_TRUE(Daemon::Start(options).ok());
+  options = Options();
+  options.http.address = "0.0.0.0:0";
+  EXPECT_EQ(Daemon::Start(options).status().code(), absl::StatusCode::kFailedPrecondition);
+  options.serve_http = false;
+  EXPECT_TRUE(Daemon::Start(options).ok());
 }
 
 TEST(Daemon, SaysWhereItListensAndThatAnAddressIsTaken) {
   const auto daemon = Daemon::Start(Options());
   ASSERT_TRUE(daemon.ok()) << daemon.status();
   EXPECT_THAT((*daemon)->grpc_address(), testing::MatchesRegex("127.0.0.1:[1-9][0-9]+"));
+  EXPECT_THAT((*daemon)->http_address(), testing::MatchesRegex("127.0.0.1:[1-9][0-9]+"));
   DaemonOptions taken = Options();
+  taken.http.address = (*daemon)->http_address();
+  EXPECT_EQ(Daemon::Start(taken).status().code(), absl::StatusCode::kUnavailable);
+  taken = Options();
   taken.grpc.address = (*daemon)->grpc_address();
   EXPECT_EQ(Daemon::Start(taken).status().code(), absl::StatusCode::kUnavailable);
   (*daemon)->Stop(std::chrono::seconds(1));

@@ -159,6 +159,13 @@ std::vector<MapHost::OpenMap> MapHost::OpenMaps() {
   return open;
 }
 
+absl::Status MapHost::Ready() const {
+  std::error_code error;
+  const std::filesystem::directory_iterator entries(options_.directory, error);
+  return error ? absl::NotFoundError(absl::StrCat("the directory of the maps cannot be read: ", error.message()))
+               : absl::OkStatus();
+}
+
 absl::Status MapHost::Told(const absl::Status& status) const {
   if (status.ok()) return status;
   absl::Status told(status.code(), absl::StrReplaceAll(status.message(), {{options_.directory + "/", ""}}));

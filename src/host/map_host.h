@@ -56,6 +56,9 @@ class MapHost : public api::MapService {
     std::int64_t bytes = 0;
   };
   std::vector<OpenMap> OpenMaps();
+  std::int64_t waiting() const { return gate_.waiting(); }  // images that wait for their turn
+  // Whether the directory can be read; NotFound if it is gone.
+  absl::Status Ready() const;
 
  private:
   // Kept while there is such a map. Whoever opens it holds its own lock, not the host's.

@@ -1,4 +1,5 @@
 """A server of maps, as its users see it: cairnd, and cairn --server."""
+import json
 import os
 import pathlib
 import shutil
@@ -7,6 +8,8 @@ import subprocess
 import tempfile
 import time
 import unittest
+import urllib.error
+import urllib.request
 
 from cairn_cli import cairn, must
 
@@ -17,12 +20,23 @@ class Server:
     """A cairnd on a loopback port that is free."""
 
     def __init__(self, maps, *arguments):
-        self.process = subprocess.Popen([DAEMON, '--maps', str(maps), '--listen', '127.0.0.1:0', *map(str, arguments)],
+        self.process = subprocess.Popen([DAEMON, '--maps', str(maps), '--listen', '127.0.0.1:0', '--listen-http', '127.0.0.1:0',
+                                        *map(str, arguments)],
                                         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()
         if 'gRPC on ' not in line:
             raise AssertionError(f'{line}{self.process.stderr.read()}')
         self.address = line.split('gRPC on ')[1].split(',')[0].strip()
+        self.url = f"http://{line.split('HTTP on ')[1].strip()}"
+
+    def get(self, path, body=None, content_type=None):
+        """Status, content type and body of an answer over HTTP."""
+        request = urllib.request.Request(self.url + path, data=body, headers={'Content-Type': content_type} if content_type else {})
+        try:
+            with urllib.request.urlopen(request, timeout=20) as answer:
+                return answer.status, answer.headers['Content-Type'], answer.read().decode()
+        except urllib.error.HTTPError as error:
+            return error.code, error.headers['Content-Type'], error.read().decode()
 
     def stop(self, sent=signal.SIGTERM):
         self.process.send_signal(sent)
@@ -84,6 +98,35 @@ class ServedMaps(unittest.TestCase):
         answer = self.ask('localize', photo, '--camera', camera, '--map', 'office')
         self.assertEqual(answer.code, 0, answer.out)
         self.assertTrue(answer.json['localized'])
+
+    def test_a_photo_by_curl(self):
+        if not shutil.which('curl'):
+            self.skipTest('there is no curl')
+        photo = sorted((self.visit / 'mav0/cam0/data').glob('*.png'))[7]
+        done = subprocess.run(['curl', '-sS', '-F', f'image=@{photo}', '-F', 'camera={"model":"PINHOLE","params":[315,315,240,180]}',
+                               f'{self.server.url}/v1/maps/office:localize'], capture_output=True, text=True, timeout=20)
+        answer = json.loads(done.stdout)
+        self.assertTrue(answer['localized'], done.stdout)
+        camera = self.folder / 'curl.yaml'
+        camera.write_text('model: pinhole\nresolution_px: [480, 360]\nintrinsics_px: [315, 315, 239.5, 179.5]\n')
+        local = must('localize', photo, '--camera', camera, '--map', self.map)
+        position = answer['world_from_camera']['translation']
+        self.assertEqual([position[axis] for axis in 'xyz'], local['position'])
+
+    def test_what_watches_it(self):
+        self.assertEqual(self.server.get('/healthz')[0], 200)
+        self.assertEqual(self.server.get('/readyz')[0], 200)
+        self.assertIn('/v1/maps/{map}:localize', json.loads(self.server.get('/openapi.json')[2])['paths'])
+        self.ask('info', 'kitchen')
+        status, kind, text = self.server.get('/metrics')
+        self.assertEqual((status, kind), (200, 'text/plain; version=0.0.4; charset=utf-8'))
+        self.assertIn('cairn_calls_total{call="Maps.DescribeMap",reason="map_not_found"}', text)
+        for line in text.splitlines():
+            self.assertRegex(line, r'^(# (HELP|TYPE) .+|[a-z_]+(\{[^}]*\})? [-+0-9.eEinfNa]+)$')
+        status, kind, text = self.server.get('/v1/maps/kitchen')
+        self.assertEqual((status, kind), (404, 'application/json'))
+        self.assertEqual(json.loads(text)['error']['reason'], 'map_not_found')
+        self.assertEqual(self.server.get('/v1/maps/office:localize', b'{}', 'application/json')[0], 400)
 
     def test_errors_say_what_to_do(self):
         missing = self.ask('info', 'kitchen')

@@ -36,6 +36,9 @@ void AddOptions(CLI::App& app, DaemonOptions* options) {
   app.add_option("--maps", options->maps.directory, "Directory of the maps: NAME.cairn is served as NAME")->required();
   app.add_option("--listen", options->grpc.address, "HOST:PORT or unix:/path for gRPC; port 0: any that is free")
       ->capture_default_str();
+  app.add_option("--listen-http", options->http.address, "HOST:PORT for HTTP: REST, health, metrics")
+      ->capture_default_str();
+  app.add_flag("!--no-http", options->serve_http, "gRPC only");
   app.add_flag("--without-protection", options->without_protection,
                "Listen also where other machines reach it: everyone who does may do everything");
   app.add_option_function<double>(
@@ -63,7 +66,8 @@ int Serve(const DaemonOptions& options, const sigset_t& signals) {
     return absl::IsInvalidArgument(daemon.status()) ? kUsage : kFailure;
   }
   std::cout << "cairnd " << kVersion << ": maps of " << options.maps.directory << ", gRPC on "
-            << (*daemon)->grpc_address() << std::endl;
+            << (*daemon)->grpc_address()
+            << (options.serve_http ? absl::StrCat(", HTTP on ", (*daemon)->http_address()) : "") << std::endl;
   if (!options.without_protection) {
     std::cout << "  only this machine reaches it; cairnd --help says how to go beyond" << std::endl;
   }

@@ -1,0 +1,44 @@
+// What the server answers over HTTP: the calls of cairn.v1 as JSON, the health of the process, its metrics, and its own
+// description in OpenAPI 3.0. Errors are JSON with the HTTP status of wire/errors.h.
+#pragma once
+
+#include <functional>
+#include <span>
+#include <string>
+
+#include "server/http/message.h"
+#include "server/rpc/calls.h"
+
+namespace cairn::server {
+
+struct HttpHooks {
+  std::function<absl::Status()> ready;   // whether requests can be served
+  std::function<std::string()> metrics;  // in Prometheus' text format
+};
+
+class HttpApi {
+ public:
+  // What `context` refers to must outlive this.
+  HttpApi(const CallContext& context, HttpHooks hooks) : context_(context), hooks_(std::move(hooks)) {}
+
+  // Any thread. Nothing is thrown.
+  HttpResponse Handle(const HttpRequest& request) const;
+
+  // Every path that is answered, "{map}" in place of a name, and by which method.
+  struct Route {
+    absl::string_view method;
+    absl::string_view path;
+  };
+  static std::span<const Route> Routes();
+  // The description of all of them.
+  static const std::string& OpenApi();
+
+ private:
+  const CallContext context_;
+  const HttpHooks hooks_;
+};
+
+// {"error": {"reason": ..., "message": ..., "request_id": ...}}
+HttpResponse ErrorResponse(const absl::Status& status, absl::string_view request_id);
+
+}  // namespace cairn::server

@@ -1,0 +1,218 @@
+#include "server/http/http_api.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "client/conformance/conformance_map.h"
+#include "host/map_host.h"
+#include "io/image_codecs.h"
+
+namespace cairn::server {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+class HttpApiTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    directory_ = testing::TempDir() + "/http_api_test_" + std::to_string(getpid());
+    std::filesystem::remove_all(directory_);
+    std::filesystem::create_directory(directory_);
+    ASSERT_TRUE(conformance::WriteConformanceMap(directory_ + "/room.cairn").ok());
+    host::MapHostOptions options;
+    options.directory = directory_;
+    host_ = *host::MapHost::Open(options);
+    api_ = std::make_unique<HttpApi>(CallContext{host_.get(), {}},
+                                     HttpHooks{[this] { return ready_; }, [] { return std::string("metrics 1\n"); }});
+  }
+  void TearDown() override { std::filesystem::remove_all(directory_); }
+
+  HttpResponse Get(const std::string& path) const { return api_->Handle({"GET", path, "", ""}); }
+  static std::string ReasonOf(const HttpResponse& response) {
+    return json::parse(response.body)["error"]["reason"].get<std::string>();
+  }
+
+  // A form as curl -F makes it.
+  static HttpRequest Form(const std::vector<std::pair<std::string, std::string>>& parts) {
+    HttpRequest request{"POST", "/v1/maps/room:localize", "multipart/form-data; boundary=xyz", ""};
+    for (const auto& [name, content] : parts) {
+      request.body += "--xyz\r\nContent-Disposition: form-data; name=\"" + name + "\"\r\n\r\n" + content + "\r\n";
+    }
+    request.body += "--xyz--\r\n";
+    return request;
+  }
+  static std::string Photo() {
+    const conformance::ConformanceMap& map = conformance::TheConformanceMap();
+    return *io::EncodePng(map.room.Render(map.pinhole, Truth()), 1);
+  }
+  static SE3 Truth() { return conformance::LookInRoom({0.2, 0.0, -1.4}, 0.05); }
+  static std::string CameraText() {
+    const Pinhole& pinhole = conformance::TheConformanceMap().pinhole;
+    return json{{"model", "PINHOLE"},
+                {"params", {pinhole.fx_px, pinhole.fy_px, pinhole.cx_px + 0.5, pinhole.cy_px + 0.5}}}
+        .dump();
+  }
+
+  std::string directory_;
+  std::unique_ptr<host::MapHost> host_;
+  std::unique_ptr<HttpApi> api_;
+  absl::Status ready_;
+};
+
+TEST_F(HttpApiTest, LocatesAPhotoFromAForm) {
+  const HttpResponse response = api_->Handle(Form({{"image", Photo()}, {"camera", CameraText()}, {"time_ns", "42"}}));
+  ASSERT_EQ(response.status, 200) << response.body;
+  EXPECT_EQ(response.content_type, "application/json");
+  const json answer = json::parse(response.body);
+  EXPECT_EQ(answer["localized"], true);
+  EXPECT_EQ(answer["stage"], "STAGE_DONE");
+  const Vector3d truth = Truth().Inverse().translation();
+  EXPECT_NEAR(answer["map_from_camera"]["translation"]["x"].get<double>(), truth.x(), 0.02);
+  EXPECT_NEAR(answer["map_from_camera"]["translation"]["z"].get<double>(), truth.z(), 0.02);
+  EXPECT_NEAR(answer["world_from_camera"]["translation"]["x"].get<double>(), 2.0 * truth.x() + 10.0, 0.05);
+  EXPECT_EQ(answer["world_is_metric"], true);
+  EXPECT_EQ(answer["covariance"].size(), 36u);
+  EXPECT_EQ(answer["revision"], "1");
+}
+
+TEST_F(HttpApiTest, AMissIsAnAnswer) {
+  const cv::Mat blank(360, 480, CV_8UC1, cv::Scalar(90));
+  const HttpResponse response = api_->Handle(Form({{"image", *io::EncodePng(blank, 1)}, {"camera", CameraText()}}));
+  ASSERT_EQ(response.status, 200) << response.body;
+  const json answer = json::parse(response.body);
+  EXPECT_EQ(answer["localized"], false);
+  EXPECT_EQ(answer["stage"], "STAGE_FEATURES");
+  EXPECT_FALSE(answer["reason"].get<std::string>().empty());
+  EXPECT_FALSE(answer.contains("map_from_camera"));
+}
+
+TEST_F(HttpApiTest, BadRequestsSayWhatIsWrong) {
+  const auto refused = [&](const HttpRequest& request, const std::string& says) {
+    const HttpResponse response = api_->Handle(request);
+    EXPECT_EQ(response.status, 400) << response.body;
+    EXPECT_EQ(ReasonOf(response), "invalid_argument");
+    EXPECT_THAT(response.body, HasSubstr(says));
+  };
+  refused(Form({{"camera", CameraText()}}), "`image` is missing");
+  refused(Form({{"image", Photo()}}), "`camera` is missing");
+  refused(Form({{"image", "GIF89a"}, {"camera", CameraText()}}), "neither a PNG nor a JPEG");
+  refused(Form({{"image", Photo()}, {"camera", "{}"}}), "`model` is missing");
+  refused(Form({{"image", Photo()}, {"camera", CameraText()}, {"color", "red"}}), "none of image, camera");
+  refused({"POST", "/v1/maps/room:localize", "text/plain", "hello"}, "multipart/form-data");
+  refused({"POST", "/v1/maps/room:localize", "application/json", "{\"imagine\":1}"}, "imagine");
+  refused({"POST", "/v1/maps/room:localize", "application/json", "{}"}, "camera");
+}
+
+TEST_F(HttpApiTest, ListsAndDescribesMaps) {
+  const json maps = json::parse(Get("/v1/maps").body)["maps"];
+  ASSERT_EQ(maps.size(), 1u);
+  EXPECT_EQ(maps[0]["name"], "room");
+  EXPECT_EQ(maps[0]["keyframes"], "10");
+  const json room = json::parse(Get("/v1/maps/room").body);
+  EXPECT_EQ(room["summary"]["revision"], "1");
+  EXPECT_EQ(room["components"][0]["world_from_component"]["scale"], 2.0);
+  const HttpResponse missing = Get("/v1/maps/kitchen");
+  EXPECT_EQ(missing.status, 404);
+  EXPECT_EQ(ReasonOf(missing), "map_not_found");
+  EXPECT_FALSE(json::parse(missing.body)["error"]["request_id"].get<std::string>().empty());
+  EXPECT_EQ(Get("/v1/maps/..").status, 400);
+}
+
+TEST_F(HttpApiTest, HealthReadinessAndMetrics) {
+  EXPECT_EQ(Get("/healthz").body, "ok\n");
+  EXPECT_EQ(Get("/readyz").status, 200);
+  ready_ = absl::NotFoundError("the maps are gone");
+  EXPECT_EQ(Get("/readyz").status, 503);
+  EXPECT_EQ(Get("/metrics").body, "metrics 1\n");
+}
+
+TEST_F(HttpApiTest, WhatIsNotThereOrTakesAnotherMethod) {
+  for (const char* path :
+       {"/", "", "/v1", "/v1/maps/", "/v1/maps/room/x", "/v1/maps/room:fly", "/v1/maps/a/b:localize"}) {
+    const int status = Get(path).status;
+    EXPECT_TRUE(status == 404 || status == 400) << path << " " << status;
+  }
+  const HttpResponse wrong = Get("/v1/maps/room:localize");
+  EXPECT_EQ(wrong.status, 405);
+  EXPECT_THAT(wrong.headers, testing::Contains(testing::Pair("Allow", "POST")));
+  EXPECT_EQ(api_->Handle({"DELETE", "/v1/maps", "", ""}).status, 405);
+}
+
+// Every reference leads somewhere.
+void CheckReferences(const json& node, const json& root) {
+  if (node.is_object() && node.contains("$ref")) {
+    const std::string reference = node["$ref"].get<std::string>();
+    ASSERT_EQ(reference[0], '#');
+    EXPECT_TRUE(root.contains(json::json_pointer(reference.substr(1)))) << reference;
+  }
+  if (node.is_structured()) {
+    for (const json& child : node) CheckReferences(child, root);
+  }
+}
+
+// Fields of an answer are those that the description has, and each is of the type that it says.
+void CheckAgainst(const json& value, json schema, const json& root) {
+  if (schema.contains("$ref")) schema = root.at(json::json_pointer(schema["$ref"].get<std::string>().substr(1)));
+  const std::string type = schema["type"].get<std::string>();
+  if (type == "object") {
+    ASSERT_TRUE(value.is_object()) << value;
+    for (const json& name : schema.value("required", json::array())) EXPECT_TRUE(value.contains(name)) << name;
+    for (const auto& [name, field] : value.items()) {
+      ASSERT_TRUE(schema["properties"].contains(name)) << name << " is not described";
+      CheckAgainst(field, schema["properties"][name], root);
+    }
+  } else if (type == "array") {
+    ASSERT_TRUE(value.is_array()) << value;
+    for (const json& item : value) CheckAgainst(item, schema["items"], root);
+  } else if (type == "string") {
+    EXPECT_TRUE(value.is_string()) << value;
+    if (schema.contains("enum")) {
+      EXPECT_THAT(schema["enum"], testing::Contains(value));
+    }
+  } else if (type == "boolean") {
+    EXPECT_TRUE(value.is_boolean()) << value;
+  } else if (type == "integer") {
+    EXPECT_TRUE(value.is_number_integer()) << value;
+  } else {
+    EXPECT_EQ(type, "number");
+    EXPECT_TRUE(value.is_number()) << value;
+  }
+}
+
+TEST_F(HttpApiTest, TheDescriptionHasEveryRouteAndFitsTheAnswers) {
+  const HttpResponse served = Get("/openapi.json");
+  const json described = json::parse(served.body);
+  EXPECT_EQ(described["openapi"], "3.0.3");
+  CheckReferences(described, described);
+  std::set<std::string> routes, paths, operations;
+  for (const HttpApi::Route& route : HttpApi::Routes()) {
+    routes.insert(std::string(route.method) + " " + std::string(route.path));
+  }
+  for (const auto& [path, methods] : described["paths"].items()) {
+    for (const auto& [method, operation] : methods.items()) {
+      std::string upper = method;
+      for (char& c : upper) c = static_cast<char>(std::toupper(c));
+      paths.insert(upper + " " + path);
+      EXPECT_TRUE(operations.insert(operation["operationId"].get<std::string>()).second);
+      EXPECT_TRUE(operation["responses"].contains("200"));
+    }
+  }
+  EXPECT_EQ(routes, paths);
+  const auto schema = [&](const std::string& path, const std::string& method, const std::string& status) {
+    return described["paths"][path][method]["responses"][status]["content"]["application/json"]["schema"];
+  };
+  CheckAgainst(json::parse(Get("/v1/maps").body), schema("/v1/maps", "get", "200"), described);
+  CheckAgainst(json::parse(Get("/v1/maps/room").body), schema("/v1/maps/{map}", "get", "200"), described);
+  CheckAgainst(json::parse(Get("/v1/maps/none").body), schema("/v1/maps/{map}", "get", "404"), described);
+  CheckAgainst(json::parse(api_->Handle(Form({{"image", Photo()}, {"camera", CameraText()}})).body),
+               schema("/v1/maps/{map}:localize", "post", "200"), described);
+}
+
+}  // namespace
+}  // namespace cairn::server

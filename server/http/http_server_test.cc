@@ -1,0 +1,163 @@
+#include "server/http/http_server.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/write.hpp>
+#include <future>
+#include <thread>
+#include <vector>
+
+namespace cairn::server {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+HttpServerOptions Options() {
+  HttpServerOptions options;
+  options.address = "127.0.0.1:0";
+  options.max_body_bytes = 1000;
+  options.max_header_bytes = 2000;
+  return options;
+}
+
+HttpResponse Echo(const HttpRequest& request) {
+  return {200, "text/plain", request.method + " " + request.path + " " + request.body};
+}
+
+// Speaks as it is told, whether that is HTTP or not.
+class Client {
+ public:
+  explicit Client(int port) : socket_(io_) {
+    socket_.connect({asio::ip::make_address("127.0.0.1"), static_cast<std::uint16_t>(port)});
+  }
+  void Send(const std::string& bytes) { asio::write(socket_, asio::buffer(bytes)); }
+  void EndOfRequest() { socket_.shutdown(tcp::socket::shutdown_send); }
+  // What comes until the server closes.
+  std::string ReadAll() {
+    std::string bytes;
+    boost::system::error_code error;
+    asio::read(socket_, asio::dynamic_buffer(bytes), error);
+    return bytes;
+  }
+  std::string ReadUntil(const std::string& end) {
+    std::string bytes;
+    while (bytes.find(end) == std::string::npos) {
+      std::array<char, 256> some;
+      boost::system::error_code error;
+      const std::size_t read = socket_.read_some(asio::buffer(some), error);
+      if (error) break;
+      bytes.append(some.data(), read);
+    }
+    return bytes;
+  }
+
+ private:
+  asio::io_context io_;
+  tcp::socket socket_;
+};
+
+TEST(HttpServer, AnswersAndKeepsTheConnection) {
+  const auto server = HttpServer::Start(Options(), Echo);
+  ASSERT_TRUE(server.ok()) << server.status();
+  Client client((*server)->port());
+  client.Send("GET /a?b=c HTTP/1.1\r\nHost: x\r\n\r\n");
+  const std::string first = client.ReadUntil("GET /a ");
+  EXPECT_THAT(first, StartsWith("HTTP/1.1 200 OK\r\n"));
+  EXPECT_THAT(first, HasSubstr("Content-Type: text/plain"));
+  client.Send("POST /d HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nConnection: close\r\n\r\nhello");
+  EXPECT_THAT(client.ReadAll(), HasSubstr("POST /d hello"));
+}
+
+TEST(HttpServer, AnswersHeadWithoutABody) {
+  const auto server = *HttpServer::Start(Options(), Echo);
+  Client client(server->port());
+  client.Send("HEAD /a HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  const std::string answer = client.ReadAll();
+  EXPECT_THAT(answer, HasSubstr("Content-Length: 8"));
+  EXPECT_THAT(answer, testing::EndsWith("\r\n\r\n"));
+}
+
+TEST(HttpServer, ClientsThatAskFirstAreToldToGoOn) {
+  const auto server = *HttpServer::Start(Options(), Echo);
+  Client client(server->port());
+  client.Send("POST /d HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nExpect: 100-continue\r\nConnection: close\r\n\r\n");
+  EXPECT_THAT(client.ReadUntil("\r\n\r\n"), StartsWith("HTTP/1.1 100 Continue"));
+  client.Send("hello");
+  EXPECT_THAT(client.ReadAll(), HasSubstr("POST /d hello"));
+}
+
+TEST(HttpServer, WhatIsTooLargeOrNoHttpIsRefusedAndTheServerGoesOn) {
+  const auto server = *HttpServer::Start(Options(), Echo);
+  const auto answer_to = [&](const std::string& bytes) {
+    Client client(server->port());
+    client.Send(bytes);
+    return client.ReadAll();
+  };
+  EXPECT_THAT(answer_to("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1001\r\n\r\n"), HasSubstr("413"));
+  EXPECT_THAT(answer_to("GET / HTTP/1.1\r\nHost: " + std::string(3000, 'x') + "\r\n\r\n"), HasSubstr("413"));
+  EXPECT_THAT(answer_to("\x16\x03\x01 this is TLS\r\n\r\n"), StartsWith("HTTP/1.1 400"));
+  EXPECT_THAT(answer_to("GET / HTTP/9.9\r\n\r\n"), StartsWith("HTTP/1.1 400"));
+  EXPECT_THAT(answer_to("POST / HTTP/1.1\r\nContent-Length: minus one\r\n\r\n"), StartsWith("HTTP/1.1 400"));
+  {
+    Client gone(server->port());
+    gone.Send("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\nhalf of it");
+    gone.EndOfRequest();
+    EXPECT_EQ(gone.ReadAll(), "");
+  }
+  EXPECT_THAT(answer_to("GET /a HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"), HasSubstr("GET /a "));
+}
+
+TEST(HttpServer, ConnectionsAreCountedAndSlowOnesClosed) {
+  HttpServerOptions options = Options();
+  options.max_connections = 2;
+  options.timeout = std::chrono::seconds(1);
+  const auto server = *HttpServer::Start(options, Echo);
+  Client slow(server->port()), other(server->port());
+  slow.Send("GET / HTTP/1.1\r\nHo");
+  other.Send("GET /b HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_THAT(other.ReadUntil("GET /b "), HasSubstr("200 OK"));
+  Client third(server->port());
+  EXPECT_EQ(third.ReadAll(), "") << "closed at once";
+  EXPECT_EQ(slow.ReadAll(), "") << "closed when its time is over";
+}
+
+TEST(HttpServer, StopsInOrder) {
+  std::promise<void> begun;
+  std::promise<void> go_on;
+  std::shared_future<void> released = go_on.get_future().share();
+  auto server = *HttpServer::Start(Options(), [&](const HttpRequest& request) {
+    begun.set_value();
+    released.wait();
+    return Echo(request);
+  });
+  const int port = server->port();
+  Client client(port);
+  client.Send("GET /under_way HTTP/1.1\r\nHost: x\r\n\r\n");
+  begun.get_future().wait();
+  std::thread stopping([&] { server->Stop(std::chrono::seconds(10)); });
+  go_on.set_value();
+  EXPECT_THAT(client.ReadAll(), HasSubstr("GET /under_way "));
+  stopping.join();
+  EXPECT_THROW(Client refused(port), boost::system::system_error);
+}
+
+TEST(HttpServer, AddressesThatAreNoneOrTaken) {
+  HttpServerOptions options = Options();
+  const auto server = *HttpServer::Start(options, Echo);
+  options.address = "127.0.0.1:" + std::to_string(server->port());
+  EXPECT_EQ(HttpServer::Start(options, Echo).status().code(), absl::StatusCode::kUnavailable);
+  for (const char* bad : {"", "7879", "nowhere.example:1", "127.0.0.1:x", "127.0.0.1:99999", "unix:/x"}) {
+    options.address = bad;
+    EXPECT_EQ(HttpServer::Start(options, Echo).status().code(), absl::StatusCode::kInvalidArgument) << bad;
+  }
+}
+
+}  // namespace
+}  // namespace cairn::server

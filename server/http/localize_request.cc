@@ -1,0 +1,66 @@
+#include "server/http/localize_request.h"
+
+#include <google/protobuf/util/json_util.h>
+
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "server/http/camera_json.h"
+#include "server/http/multipart.h"
+#include "wire/convert.h"
+#include "wire/image_header.h"
+
+namespace cairn::server {
+namespace {
+
+absl::StatusOr<v1::LocalizeImageRequest> FromJson(const std::string& body) {
+  v1::LocalizeImageRequest request;
+  const auto status = google::protobuf::util::JsonStringToMessage(body, &request);
+  if (!status.ok()) return absl::InvalidArgumentError(absl::StrCat("request: ", status.ToString()));
+  return request;
+}
+
+absl::StatusOr<v1::LocalizeImageRequest> FromForm(const std::vector<FormPart>& parts) {
+  v1::LocalizeImageRequest request;
+  std::string camera_json;
+  for (const FormPart& part : parts) {
+    if (part.name == "image") {
+      request.mutable_image()->set_encoded(std::string(part.content));
+    } else if (part.name == "camera") {
+      camera_json = std::string(part.content);
+    } else if (part.name == "time_ns") {
+      std::int64_t time_ns = 0;
+      if (!absl::SimpleAtoi(part.content, &time_ns)) {
+        return absl::InvalidArgumentError("time_ns: must be a whole number of nanoseconds");
+      }
+      request.set_time_ns(time_ns);
+    } else {
+      return absl::InvalidArgumentError("form: it has a part that is none of image, camera, time_ns");
+    }
+  }
+  if (!request.has_image()) return absl::InvalidArgumentError("form: the part `image` is missing: a PNG or JPEG file");
+  if (camera_json.empty()) {
+    return absl::InvalidArgumentError(
+        R"(form: the part `camera` is missing: {"model": "PINHOLE", "params": [fx, fy, cx, cy]})");
+  }
+  CAIRN_ASSIGN_OR_RETURN(Camera camera, CameraFromJson(camera_json));
+  if (camera.width_px == 0 && camera.height_px == 0) {
+    CAIRN_ASSIGN_OR_RETURN(const wire::ImageSize size, wire::EncodedImageSize(request.image().encoded()));
+    camera.width_px = size.width_px;
+    camera.height_px = size.height_px;
+  }
+  wire::ToProto(camera, request.mutable_camera());
+  return request;
+}
+
+}  // namespace
+
+absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& http) {
+  if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson(http.body);
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
+  return FromForm(parts);
+}
+
+}  // namespace cairn::server
