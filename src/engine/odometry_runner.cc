@@ -54,7 +54,7 @@ absl::StatusOr<direct::FrameResult> OdometryRunner::AddFrame(const direct::Frame
       {start, std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count()});
   if (recent_frames_.size() > kRecentFrames) recent_frames_.pop_front();
   frame_ms_.Add(recent_frames_.back().ms);
-  if (result->state == direct::TrackingState::kInitializing && !result->message.empty()) waiting_for_ = result->message;
+  if (result->state == direct::TrackingState::kInitializing) waiting_for_.Add(result->message);
   if (!options_.in_background) {
     status_ = Guarded([&] { return after_mapping_(*odometry_); });
     CAIRN_RETURN_IF_ERROR(status_);
@@ -132,7 +132,9 @@ absl::Status OdometryRunner::Finish() {
   }));
   // The live answers were behind what mapping has found out since.
   const std::vector<direct::FrameResult> results = odometry_->FrameResults();
-  if (!results.empty() && !results.back().message.empty()) waiting_for_ = results.back().message;
+  if (!results.empty() && results.back().state == direct::TrackingState::kInitializing) {
+    waiting_for_.Add(results.back().message);
+  }
   status_ = Guarded([&] { return after_mapping_(*odometry_); });
   return status_;
 }

@@ -13,13 +13,13 @@
 #include <functional>
 #include <memory>
 #include <mutex>
-#include <string>
 #include <thread>
 
 #include "base/frame_times.h"
 #include "base/sample_reservoir.h"
 #include "base/status.h"
 #include "direct/odometry.h"
+#include "engine/waiting_reasons.h"
 
 namespace cairn::engine {
 
@@ -57,8 +57,8 @@ class OdometryRunner {
   absl::Status Finish();
 
   const direct::Odometry& odometry() const { return *odometry_; }
-  // What the odometry last waited for, if it did not start yet.
-  const std::string& waiting_for() const { return waiting_for_; }
+  // What the odometry waited for while it had not started.
+  const WaitingReasons& waiting_for() const { return waiting_for_; }
   // Time of the calls of AddFrame(), waiting included, `after_mapping` not.
   const SampleReservoir& frame_ms() const { return frame_ms_; }
   // The last of these calls, kRecentFrames at most: when each began, and its time.
@@ -80,7 +80,7 @@ class OdometryRunner {
   const OdometryRunnerOptions options_;
   const std::unique_ptr<direct::Odometry> odometry_;
   const AfterMapping after_mapping_;
-  std::string waiting_for_;
+  WaitingReasons waiting_for_;
   FrameTimes times_;
   SampleReservoir frame_ms_;
   std::deque<TimedFrame> recent_frames_;

@@ -36,15 +36,17 @@ absl::StatusOr<OdometryReport> OdometrySession::Finish() {
   return Report();
 }
 
-absl::StatusOr<OdometryReport> OdometrySession::Report() const {
-  const direct::Odometry& odometry = runner_->odometry();
+absl::StatusOr<OdometryReport> OdometrySession::Report() const { return ReportOdometry(*runner_); }
+
+absl::StatusOr<OdometryReport> ReportOdometry(const OdometryRunner& runner) {
+  const direct::Odometry& odometry = runner.odometry();
   OdometryReport report;
   report.odometry = odometry.Statistics();
   report.keyframe_poses = odometry.KeyframeTrajectory();
   if (report.keyframe_poses.empty()) {
     return absl::FailedPreconditionError(
         absl::StrCat("the odometry never started: ",
-                     runner_->waiting_for().empty() ? "there was no frame to track" : runner_->waiting_for()));
+                     runner.waiting_for().empty() ? "there was no frame to track" : runner.waiting_for().Describe()));
   }
   report.segments = report.keyframe_poses.back().segment + 1;
   std::vector<std::int64_t> frames_of(static_cast<std::size_t>(report.segments), 0);
@@ -62,7 +64,7 @@ absl::StatusOr<OdometryReport> OdometrySession::Report() const {
   const auto longest = std::max_element(frames_of.begin(), frames_of.end());
   report.longest_segment = longest - frames_of.begin();
   report.longest_segment_frames = *longest;
-  report.frame_ms = runner_->frame_ms();
+  report.frame_ms = runner.frame_ms();
   return report;
 }
 

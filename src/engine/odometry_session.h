@@ -47,6 +47,10 @@ struct OdometryReport {
   direct::OdometryStatistics odometry;
 };
 
+// What the odometry of a runner knows, once it has finished. FailedPrecondition, saying what it waited for, if it never
+// started.
+absl::StatusOr<OdometryReport> ReportOdometry(const OdometryRunner& runner);
+
 class OdometrySession {
  public:
   static absl::StatusOr<std::unique_ptr<OdometrySession>> Create(const OdometrySessionOptions& options,

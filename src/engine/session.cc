@@ -4,6 +4,7 @@
 #include <utility>
 #include <variant>
 
+#include "absl/strings/str_format.h"
 #include "engine/lost_search.h"
 #include "engine/mapping_thread.h"
 #include "engine/odometry_runner.h"
@@ -74,6 +75,8 @@ class Session::Impl {
   std::vector<FramePose> FramePoses() const { return mapper_->poses().All(runner_->odometry()).frames; }
   std::optional<LivePose> PoseInMap(const direct::FrameResult& frame) const { return mapper_->poses().Of(frame); }
 
+  absl::StatusOr<OdometryReport> FinalOdometry() const { return ReportOdometry(*runner_); }
+
   absl::StatusOr<SessionReport> Finish() {
     CAIRN_RETURN_IF_ERROR(runner_->Finish());
     CAIRN_RETURN_IF_ERROR(hand_over_.Finish());
@@ -124,10 +127,17 @@ class Session::Impl {
     if (session_.policy == map::SessionPolicy::kExtend) {  // nothing of it is left open in a map that is there
       CAIRN_RETURN_IF_ERROR(EndSession(session_.id, last_time_ns_, !options_.deterministic, std::nullopt, head_));
     }
-    const std::string& waited = runner_->waiting_for();
     return absl::FailedPreconditionError(absl::StrCat(
         session_.policy == map::SessionPolicy::kCreate ? "no map was made: " : "nothing was added to the map: ",
-        waited.empty() ? "there was no keyframe to map" : waited));
+        WhyNoMap()));
+  }
+
+  // The stage that did not begin, and what it says.
+  std::string WhyNoMap() const {
+    const absl::StatusOr<OdometryReport> odometry = FinalOdometry();
+    if (!odometry.ok()) return std::string(odometry.status().message());
+    return absl::StrFormat("the odometry tracked %d of %d frames, with %d keyframes, but %s", odometry->frames_tracked,
+                           odometry->frames, odometry->keyframe_poses.size(), mapper_->WhyNoMap());
   }
 
   SessionReport Report() const {
@@ -183,5 +193,6 @@ Whereabouts Session::Where() const { return impl_->Where(); }
 std::vector<FramePose> Session::FramePoses() const { return impl_->FramePoses(); }
 std::optional<LivePose> Session::PoseInMap(const direct::FrameResult& frame) const { return impl_->PoseInMap(frame); }
 absl::StatusOr<SessionReport> Session::Finish() { return impl_->Finish(); }
+absl::StatusOr<OdometryReport> Session::FinalOdometry() const { return impl_->FinalOdometry(); }
 
 }  // namespace cairn::engine

@@ -17,6 +17,7 @@
 #include "engine/frame_preparation.h"
 #include "engine/live_map.h"
 #include "engine/live_poses.h"
+#include "engine/odometry_session.h"
 #include "engine/session_options.h"
 #include "engine/session_record.h"
 #include "engine/session_report.h"
@@ -53,9 +54,13 @@ class Session {
   // Of one answer of AddFrame(), in the component that the session is in now. None while nothing links it to the map.
   std::optional<LivePose> PoseInMap(const direct::FrameResult& frame) const;
 
-  // Ends the stream, waits for the feature module, closes the session in the map. FailedPrecondition, saying what the
-  // odometry waited for, if there never was a map.
+  // Ends the stream, waits for the feature module, closes the session in the map. FailedPrecondition, saying which
+  // stage waited for what, if there never was a map.
   absl::StatusOr<SessionReport> Finish();
+
+  // The poses of the odometry by itself, after Finish(): all that there is if it made no map. FailedPrecondition if
+  // there are none.
+  absl::StatusOr<OdometryReport> FinalOdometry() const;
 
  private:
   class Impl;

@@ -6,6 +6,7 @@
 
 #include <memory>
 #include <optional>
+#include <string>
 #include <unordered_map>
 
 #include "base/status.h"
@@ -44,6 +45,8 @@ class SessionMapper final : public LiveMap::Listener {
   void OnChange(const tracking::MapView& before, const map::Delta& delta,
                 const std::shared_ptr<const tracking::MapView>& after, const mapping::KeyframeScales& scales) override;
 
+  // Why no keyframe is in the map, for people: "the feature module could not start: ...".
+  std::string WhyNoMap() const { return statistics_.WhyNoMap(); }
   bool HasMapped() const { return mapper_->component().valid(); }
   // Which trajectory is reported; once finished.
   const map::ReportedTrajectory& trajectory() const { return trajectory_; }

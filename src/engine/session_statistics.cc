@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <chrono>
 
+#include "absl/strings/str_cat.h"
+
 namespace cairn::engine {
 namespace {
 
@@ -38,6 +40,14 @@ void SessionStatistics::Add(const mapping::KeyframeReport& report) {
   const bool lost = report.state == mapping::FeatureState::kLost;
   if (lost && !feature_lost_) ++feature_losses_;
   feature_lost_ = lost;
+}
+
+std::string SessionStatistics::WhyNoMap() const {
+  if (keyframe_reports_.empty()) return "none of them left its window for the feature module";
+  const mapping::KeyframeReport& best =
+      *std::ranges::max_element(keyframe_reports_, {}, &mapping::KeyframeReport::depths);
+  return absl::StrCat("the feature module could not start on any of the ", keyframe_reports_.size(),
+                      " that it was given: ", best.message, " among the ", best.features, " of the best");
 }
 
 void SessionStatistics::Fill(const LoopRunner& loops, const OdometryRunner& runner, SessionReport* report) const {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <string>
 #include <vector>
 
 #include "base/sample_reservoir.h"
@@ -18,6 +19,8 @@ class SessionStatistics {
  public:
   // One packet through the feature module.
   void Add(const mapping::KeyframeReport& report);
+  // Of the keyframes so far, none of which started the map: what the one with the most to start from says.
+  std::string WhyNoMap() const;
   // What belongs into the report of the session.
   void Fill(const LoopRunner& loops, const OdometryRunner& runner, SessionReport* report) const;
 

@@ -103,6 +103,28 @@ TEST(Session, WithoutAMapFinishSaysWhy) {
   }
 }
 
+// The odometry's word from before it started is not why the feature module did not.
+TEST(Session, WithoutAMapTheStageThatDidNotStartIsNamedAndTheOdometrysPosesAreKnown) {
+  const TempFolder folder;
+  for (const int threads : {0, 3}) {
+    const auto live = MakeMap(folder.File("none.cairn"));
+    SessionOptions options = Threads(threads);
+    options.mapping.min_start_points = 100000;
+    auto session = Session::Create(options, testing::SwaySource(), live.get());
+    ASSERT_TRUE(session.ok()) << session.status();
+    for (const RawFrame& frame : testing::Sway(40)) ASSERT_TRUE((*session)->AddFrame(frame).ok());
+    const absl::Status status = (*session)->Finish().status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+    EXPECT_THAT(std::string(status.message()), HasSubstr("the odometry tracked 40 of 40 frames"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr("the feature module could not start"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr("a start needs 100000 features with depth"));
+    EXPECT_THAT(std::string(status.message()), Not(HasSubstr("moved enough")));
+    const auto odometry = (*session)->FinalOdometry();
+    ASSERT_TRUE(odometry.ok()) << odometry.status();
+    EXPECT_EQ(odometry->frames_tracked, 40);
+  }
+}
+
 TEST(Session, MayBeAbandonedAtAnyTime) {
   const TempFolder folder;
   for (const int threads : {2, 3}) {

@@ -157,6 +157,20 @@ std::vector<std::pair<TimeNs, SE3>> PosesToReport(const std::vector<engine::Fram
   return poses;
 }
 
+// Without a map there are the odometry's poses: of its longest segment, in a frame and a scale of its own.
+absl::Status KeepOdometry(const RunOptions& options, const engine::Session& session, const absl::Status& error) {
+  const absl::StatusOr<engine::OdometryReport> odometry = session.FinalOdometry();
+  if (!odometry.ok() || (options.trajectory.empty() && options.keyframes.empty())) return error;
+  const absl::Status written = WriteOdometryPoses(options, *odometry);
+  const std::string files = absl::StrCat(
+      options.trajectory, options.trajectory.empty() || options.keyframes.empty() ? "" : ", ", options.keyframes);
+  return absl::Status(
+      error.code(),
+      absl::StrCat(error.message(), "; ",
+                   written.ok() ? absl::StrCat("the poses of the odometry, in a scale of its own, are in ", files)
+                                : absl::StrCat("nor could its poses be written: ", written.message())));
+}
+
 // A run that cannot go on: the poses so far are known, though the map may not be writable any more.
 absl::Status KeepWhatIsKnown(const RunOptions& options, const engine::Session& session, const engine::LiveMap& map,
                              const absl::Status& error) {
@@ -164,7 +178,7 @@ absl::Status KeepWhatIsKnown(const RunOptions& options, const engine::Session& s
     const ComponentId component = session.Where().component;
     const std::vector<std::pair<TimeNs, SE3>> poses = PosesToReport(session.FramePoses(), component);
     const std::shared_ptr<const map::Snapshot> published = map.Published()->snapshot();
-    if (poses.empty() || !published->components().contains(component)) return error;
+    if (poses.empty() || !published->components().contains(component)) return KeepOdometry(options, session, error);
     return AfterError(error, {options.trajectory, options.keyframes, options.picture},
                       WriteMapOutputs(options, *published, component, poses));
   });

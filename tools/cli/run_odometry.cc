@@ -8,10 +8,8 @@
 #include "io/trajectory.h"
 
 namespace cairn::cli {
-namespace {
 
-// Poses of different segments have no common frame: a file holds the longest one.
-absl::Status WritePoses(const RunOptions& options, const engine::OdometryReport& report) {
+absl::Status WriteOdometryPoses(const RunOptions& options, const engine::OdometryReport& report) {
   io::TrajectoryWriteOptions write;
   write.overwrite = options.overwrite;
   write.comment = "t tx ty tz qx qy qz qw: direct_from_camera, scale arbitrary";
@@ -35,6 +33,8 @@ absl::Status WritePoses(const RunOptions& options, const engine::OdometryReport&
   }
   return status;
 }
+
+namespace {
 
 void PrintReport(const RunOptions& options, const engine::OdometryReport& report, const io::SourceInfo& info,
                  const FeedReport& feed, const InterruptWatch& interrupt) {
@@ -97,9 +97,9 @@ absl::Status TrackSequence(const RunOptions& options, InterruptWatch* interrupt)
     const absl::StatusOr<engine::OdometryReport> until_then = Guarded([&] { return session->Report(); });
     if (!until_then.ok()) return feed.status();
     return AfterError(feed.status(), {options.trajectory, options.keyframes},
-                      Guarded([&] { return WritePoses(options, *until_then); }));
+                      Guarded([&] { return WriteOdometryPoses(options, *until_then); }));
   }
-  CAIRN_RETURN_IF_ERROR(WritePoses(options, report));
+  CAIRN_RETURN_IF_ERROR(WriteOdometryPoses(options, report));
   PrintReport(options, report, source->info(), *feed, *interrupt);
   return absl::OkStatus();
 }

@@ -12,6 +12,7 @@
 #include "cli/interrupt.h"
 #include "cli/run_feed.h"
 #include "engine/live_map.h"
+#include "engine/odometry_session.h"
 #include "engine/session.h"
 #include "io/frame_source.h"
 #include "mapping/posed_mapper.h"
@@ -61,6 +62,8 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options);
 // The files that a run into a map leaves beside it: poses in `component`, or in the world if that is aligned.
 absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map, ComponentId component,
                              const std::vector<std::pair<TimeNs, SE3>>& frame_poses);
+// Of the odometry alone. Poses of different segments have no common frame: the files hold the longest one.
+absl::Status WriteOdometryPoses(const RunOptions& options, const engine::OdometryReport& report);
 // Of all keyframes of a component, map_from_camera in temporal order.
 std::vector<std::pair<TimeNs, SE3>> MapKeyframePoses(const map::Snapshot& map, ComponentId component);
 
