@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "geometry/lens_plausibility.h"
 
 namespace cairn {
 namespace {
@@ -304,7 +305,7 @@ absl::Status Camera::Validate() const {
     return absl::InvalidArgumentError(
         absl::StrCat("the fov model's omega is ", distortion[0], " but must be in [0, pi) radians"));
   }
-  return absl::OkStatus();
+  return CheckLens(*this);
 }
 
 bool Camera::IsUndistorted() const {

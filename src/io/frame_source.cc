@@ -11,6 +11,8 @@
 #include "base/bounded_queue.h"
 #include "base/files.h"
 #include "base/guarded.h"
+#include "geometry/lens_plausibility.h"
+#include "io/image_treatment.h"
 #include "io/photometric_files.h"
 #include "io/sequence_readers.h"
 
@@ -109,14 +111,19 @@ absl::Status CheckFirstImages(const std::vector<SelectedImage>& selected, const 
 }
 
 // Memory that runs out is no fault of the image, and ends the sequence.
-absl::StatusOr<SourceFrame> Load(const SelectedImage& selected, std::int64_t index, cv::Size size) {
+absl::StatusOr<SourceFrame> Load(const SelectedImage& selected, std::int64_t index, cv::Size size,
+                                 const ImageTreatment& treatment) {
   SourceFrame frame;
   frame.index = index;
   frame.sequence_index = selected.sequence_index;
   frame.time_ns = selected.image.time_ns;
   frame.path = selected.image.path;
   frame.exposure_s = selected.image.exposure_s;
-  absl::StatusOr<cv::Mat> gray = Guarded([&] { return ReadGrayImage(selected.image.path, size); });
+  absl::StatusOr<cv::Mat> gray = Guarded([&]() -> absl::StatusOr<cv::Mat> {
+    CAIRN_ASSIGN_OR_RETURN(cv::Mat image, ReadDeepImage(selected.image.path, size));
+    treatment.Apply(&image);
+    return image;
+  });
   if (absl::IsResourceExhausted(gray.status())) return Annotate(gray.status(), selected.image.path);
   frame.status = gray.status();
   if (gray.ok()) frame.gray = *std::move(gray);
@@ -127,8 +134,9 @@ absl::StatusOr<SourceFrame> Load(const SelectedImage& selected, std::int64_t ind
 class ListedFrameSource : public FrameSource {
  public:
   static absl::StatusOr<std::unique_ptr<FrameSource>> Create(SourceInfo info, std::vector<SelectedImage> images,
-                                                             int prefetch) {
-    auto source = std::make_unique<ListedFrameSource>(std::move(info), std::move(images), prefetch);
+                                                             ImageTreatment treatment, int prefetch) {
+    auto source =
+        std::make_unique<ListedFrameSource>(std::move(info), std::move(images), std::move(treatment), prefetch);
     if (prefetch > 0) {
       ListedFrameSource* const self = source.get();
       CAIRN_ASSIGN_OR_RETURN(source->thread_, StartThread(
@@ -137,8 +145,11 @@ class ListedFrameSource : public FrameSource {
     }
     return std::unique_ptr<FrameSource>(std::move(source));
   }
-  ListedFrameSource(SourceInfo info, std::vector<SelectedImage> images, int prefetch)
-      : info_(std::move(info)), images_(std::move(images)), queue_(static_cast<std::size_t>(std::max(prefetch, 1))) {}
+  ListedFrameSource(SourceInfo info, std::vector<SelectedImage> images, ImageTreatment treatment, int prefetch)
+      : info_(std::move(info)),
+        images_(std::move(images)),
+        treatment_(std::move(treatment)),
+        queue_(static_cast<std::size_t>(std::max(prefetch, 1))) {}
   ~ListedFrameSource() override {
     queue_.Close();
     if (thread_.joinable()) thread_.join();
@@ -165,7 +176,7 @@ class ListedFrameSource : public FrameSource {
 
  private:
   absl::StatusOr<SourceFrame> LoadAt(std::size_t i) const {
-    return Load(images_[i], static_cast<std::int64_t>(i), {info_.camera.width_px, info_.camera.height_px});
+    return Load(images_[i], static_cast<std::int64_t>(i), {info_.camera.width_px, info_.camera.height_px}, treatment_);
   }
   void DecodeAhead() {
     for (std::size_t i = 0; i < images_.size(); ++i) {
@@ -186,6 +197,7 @@ class ListedFrameSource : public FrameSource {
 
   const SourceInfo info_;
   const std::vector<SelectedImage> images_;
+  const ImageTreatment treatment_;
   std::size_t next_ = 0;
   BoundedQueue<SourceFrame> queue_;
   std::mutex mutex_;  // guards status_
@@ -274,7 +286,12 @@ absl::StatusOr<std::unique_ptr<FrameSource>> OpenFolder(const std::string& path,
   info.photometric = std::move(files.photometric);
   info.body_from_camera = files.body_from_camera;
   info.notes = std::move(files.notes);
-  return ListedFrameSource::Create(std::move(info), *std::move(selected), options.prefetch);
+  if (std::string unusual = UnusualLens(info.camera); !unusual.empty()) info.notes.push_back(std::move(unusual));
+  std::vector<std::string> paths;
+  for (const SelectedImage& image : *selected) paths.push_back(image.image.path);
+  CAIRN_ASSIGN_OR_RETURN(ImageTreatment treatment, FindTreatment(paths, {info.camera.width_px, info.camera.height_px},
+                                                                 options.mask_path, &info.notes));
+  return ListedFrameSource::Create(std::move(info), *std::move(selected), std::move(treatment), options.prefetch);
 }
 
 }  // namespace

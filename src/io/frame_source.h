@@ -27,6 +27,9 @@ absl::StatusOr<SequenceFormat> SequenceFormatFromName(absl::string_view name);
 struct OpenOptions {
   std::string camera_path;       // a camera.yaml to use instead of the sequence's own calibration
   std::string photometric_path;  // a folder with pcalib.txt, vignette.png, times.txt to use instead of the sequence's
+  // An image of the size of the others, black where the view is to be left out. Empty: what is fixed to the camera is
+  // looked for in samples of the sequence; "none": nothing is left out.
+  std::string mask_path;
   SequenceFormat format = SequenceFormat::kAuto;
   int camera_index = -1;  // which of several cameras: EuRoC cam0, cam1; KITTI image_0..3; -1: the first that there is
   double from_s = 0.0;    // seconds from the first image, inclusive
@@ -57,7 +60,8 @@ struct SourceFrame {
   std::int64_t sequence_index = 0;  // counts all images of the sequence, from 0, whatever from_s and stride
   TimeNs time_ns = 0;
   std::string path;
-  cv::Mat gray;             // CV_8UC1, raw: distorted, photometrically uncorrected; empty if !status.ok()
+  // CV_8UC1, raw: distorted, photometrically uncorrected, but for what image_treatment.h does; empty if !status.ok()
+  cv::Mat gray;
   double exposure_s = 0.0;  // 0: unknown
   // Why this image could not be used (missing, truncated, corrupt, of another size than the calibration). The sequence
   // goes on; callers count and skip.
@@ -79,8 +83,11 @@ class FrameSource {
   virtual absl::StatusOr<std::optional<SourceFrame>> Next() = 0;
 };
 
-// Decodes an image file to CV_8UC1: colour to gray, 16 bit to 8 by the upper byte, EXIF rotation ignored. NotFound,
-// DataLoss (truncated, corrupt) or InvalidArgument (another size than `expected`, unless that is empty) name the file.
+// Decodes an image file to CV_8UC1: colour to gray, 16 bits to 8 by the range that it fills (intensity_range.h), EXIF
+// rotation ignored. NotFound, DataLoss (truncated, corrupt) or InvalidArgument (another size than `expected`, unless
+// that is empty) name the file.
 absl::StatusOr<cv::Mat> ReadGrayImage(const std::string& path, cv::Size expected = {});
+// The same with 16 bits as they are.
+absl::StatusOr<cv::Mat> ReadDeepImage(const std::string& path, cv::Size expected = {});
 
 }  // namespace cairn::io

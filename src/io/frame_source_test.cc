@@ -555,6 +555,44 @@ TEST(FrameSource, PlainImages) {
   }
 }
 
+TEST(FrameSource, SixteenBitsBecomeEightByOneRangeForAllImages) {
+  const TestingFolder folder;
+  folder.Write("camera.yaml", kCamera);
+  cv::Mat dark, bright;
+  TestingFolder::Ramp(0).convertTo(dark, CV_16U, 4.0);      // up to 556
+  TestingFolder::Ramp(90).convertTo(bright, CV_16U, 16.0);  // up to 3664: 12 bits
+  folder.WriteImage("0.png", dark);
+  folder.WriteImage("1.png", bright);
+  const auto source = MustOpen(folder.str());
+  ASSERT_NE(source, nullptr);
+  EXPECT_THAT(source->info().notes, ElementsAre(HasSubstr("values from 0 to 4095 become 0 to 255")));
+  const auto frames = All(*source);
+  cv::Mat expected;
+  dark.convertTo(expected, CV_8U, 255.0 / 4095.0);
+  EXPECT_EQ(cv::norm(frames[0].gray, expected, cv::NORM_INF), 0);
+  bright.convertTo(expected, CV_8U, 255.0 / 4095.0);
+  EXPECT_EQ(cv::norm(frames[1].gray, expected, cv::NORM_INF), 0);
+}
+
+TEST(FrameSource, AMaskHidesWhatIsBlackInIt) {
+  const TestingFolder folder;
+  WriteTimesFolder(folder);
+  cv::Mat mask(24, 32, CV_8U, cv::Scalar(255));
+  mask.rowRange(12, 24).setTo(0);
+  folder.WriteImage("mask.png", mask);
+  OpenOptions options;
+  options.mask_path = folder / "mask.png";
+  const cv::Mat gray = All(*MustOpen(folder.str(), options))[0].gray;
+  EXPECT_EQ(cv::norm(gray.rowRange(0, 12), TestingFolder::Ramp(0).rowRange(0, 12), cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(gray.rowRange(20, 24), TestingFolder::Ramp(0).rowRange(20, 24), cv::NORM_INF), 5);
+  folder.WriteImage("mask.png", cv::Mat(24, 32, CV_8U, cv::Scalar(0)));
+  EXPECT_THAT(OpenError(folder.str(), options), HasSubstr("shows 0.0 % of the view"));
+  folder.WriteImage("mask.png", cv::Mat(48, 64, CV_8U, cv::Scalar(255)));
+  EXPECT_THAT(OpenError(folder.str(), options), HasSubstr("64x48"));
+  options.mask_path = folder / "none.png";
+  EXPECT_THAT(OpenError(folder.str(), options), HasSubstr("none.png"));
+}
+
 TEST(ReadGrayImage, KindsOfPixels) {
   const TestingFolder folder;
   cv::Mat deep;

@@ -6,7 +6,7 @@ import tempfile
 import unittest
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageFilter
 
 from cairn_cli import cairn, must
 
@@ -203,6 +203,70 @@ class Times(Recordings):
             answer = cairn('eval', 'ate', first, second)
             self.assertEqual(answer.code, 1, answer.out)
             self.assertIn('counted frames', answer.json['error'])
+
+
+class Images(Recordings):
+    """What is not of the scene in the images, or is lost on the way to 8 bits."""
+
+    def spoiled(self, name, change, count=100):
+        folder = self.recording(name)
+        for i, image in enumerate(self.images[:count]):
+            Image.fromarray(change(i, np.asarray(Image.open(image)))).save(folder / f'{i:04d}.png', compress_level=1)
+        return folder
+
+    def check(self, folder, note, ate_m, rate_hz=20, step=1):
+        answer = self.run_map(folder)
+        self.assertEqual(answer.code, 0, answer.out + answer.err)
+        self.assertRegex(' '.join(answer.json.get('input_notes', [])), note)
+        self.assertEqual(answer.json['tracked_share'], 1.0)
+        poses = self.poses[:100:step]
+        self.assertLess(self.ate(self.truth(f'{folder.name}.gt.txt', [i / rate_hz for i in range(len(poses))], poses)), ate_m)
+
+    def test_sixteen_bits_of_which_fewer_are_used(self):
+        for name, scale, offset, note in (('10', 4, 0, 'from 0 to 1023'), ('12', 16, 0, 'from 0 to 4095'),
+                                          ('14', 64, 0, 'from 0 to 16383'), ('thermal', 4, 7200, 'have 16 bits')):
+            self.check(self.spoiled(name, lambda i, gray: (gray.astype(np.uint16) * scale + offset).astype(np.uint16)), note, 0.02)
+
+    def test_bands_of_light_are_evened_out(self):
+        rows = np.arange(480)[:, None]
+        self.check(self.spoiled('out', lambda i, gray: (gray * (0.85 + 0.15 * np.sin(2 * np.pi * (rows / 160 + 0.37 * i)))).astype(
+            np.uint8)), 'bands of light', 0.03)
+
+    def test_half_pictures_woven_into_one(self):
+        folder = self.recording('out', CAMERA.replace('rate_hz: 20', 'rate_hz: 10'))
+        for i in range(50):
+            woven = np.array(Image.open(self.images[2 * i]))
+            woven[1::2] = np.asarray(Image.open(self.images[2 * i + 1]))[1::2]
+            Image.fromarray(woven).save(folder / f'{i:04d}.png', compress_level=1)
+        self.check(folder, 'interlaced', 0.02, 10, 2)
+
+    def test_what_is_fixed_to_the_camera_is_found_or_masked(self):
+        y, x = np.mgrid[0:480, 0:640]
+        bonnet = ((x - 320) / (0.62 * 640)) ** 2 + ((y - 480) / (0.35 * 480)) ** 2 < 1
+        paint = np.asarray(Image.fromarray(np.random.default_rng(0).integers(0, 255, (120, 160)).astype(np.uint8)).resize(
+            (640, 480), Image.BICUBIC))
+        folder = self.spoiled('out', lambda i, gray: np.where(bonnet, paint, gray))
+        self.check(folder, r'\d+ % of the view \(at the bottom\) does not move with the scene', 0.03)
+        mask = self.path('mask.png')
+        Image.fromarray(np.where(bonnet, 0, 255).astype(np.uint8)).save(mask)
+        answer = self.run_map(folder, '--mask', mask, '--overwrite')
+        self.assertEqual(answer.code, 0, answer.out)
+        self.assertNotIn('input_notes', answer.json)
+        self.assertLess(self.ate(self.truth('gt.txt', [i / 20 for i in range(100)])), 0.03)
+        located = must('localize', folder / '0050.png', '--camera', folder / 'camera.yaml', '--map', self.map, '--mask', mask)
+        self.assertTrue(located['localized'])
+        tracked = must('track', folder, '--map', self.map, '--mask', mask, '--deterministic')
+        self.assertGreater(tracked['with_pose_share'], 0.95)
+        Image.fromarray(np.zeros((480, 640), np.uint8)).save(mask)
+        self.assertIn('shows 0.0 % of the view', cairn('run', folder, '--mask', mask, '--odometry-only').json['error'])
+
+    def test_without_a_map_the_stage_is_named_and_the_poses_are_written(self):
+        folder = self.spoiled('out', lambda i, gray: np.asarray(Image.fromarray(gray).filter(ImageFilter.GaussianBlur(8))))
+        answer = self.run_map(folder)
+        self.assertEqual(answer.code, 1, answer.out)
+        self.assertRegex(answer.json['error'], 'the odometry tracked .* but the feature module could not start')
+        self.assertIn(str(self.frames), answer.json['error'])
+        self.assertGreater(len(self.frames.read_text().splitlines()), 20)
 
 
 if __name__ == '__main__':

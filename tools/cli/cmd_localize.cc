@@ -18,6 +18,7 @@
 #include "cli/sample_statistics.h"
 #include "cli/server_option.h"
 #include "io/camera_file.h"
+#include "io/image_treatment.h"
 #include "io/trajectory.h"
 #include "store/map_store.h"
 
@@ -196,6 +197,11 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
   query.camera = camera.camera;
   CAIRN_ASSIGN_OR_RETURN(
       query.image, io::ReadGrayImage(options.input.sequence, cv::Size(query.camera.width_px, query.camera.height_px)));
+  const std::string& mask = options.input.open.mask_path;
+  if (!mask.empty() && mask != "none") {
+    CAIRN_ASSIGN_OR_RETURN(const image::MaskFiller hidden, io::LoadMask(mask, query.image.size()));
+    hidden.Fill(&query.image);
+  }
   CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, localizer.Localize(query));
   Summary summary;
   summary.together = {answer.component};

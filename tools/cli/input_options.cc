@@ -26,6 +26,9 @@ void AddInputOptions(CLI::App* verb, InputOptions* options) {
   verb->add_option(
       "--photometric", options->open.photometric_path,
       "Folder with pcalib.txt, vignette.png and times.txt (exposures) to use instead of the sequence's own");
+  verb->add_option("--mask", options->open.mask_path,
+                   "Image of the size of the others, black where the view is to be left out, as a car's bonnet; none: "
+                   "use all of it. If not given, what does not move with the scene is looked for");
   verb->add_option(
           "--camera-index", options->open.camera_index,
           "Which of several cameras (EuRoC cam0, cam1; KITTI image_0, ...); the first that there is if not given")
@@ -44,7 +47,7 @@ void AddInputOptions(CLI::App* verb, InputOptions* options) {
 }
 
 std::vector<std::string> InputFiles(const InputOptions& options) {
-  return {options.sequence, options.open.camera_path, options.open.photometric_path};
+  return {options.sequence, options.open.camera_path, options.open.photometric_path, options.open.mask_path};
 }
 
 void TellNotes(const std::string& verb, const std::vector<std::string>& notes) {

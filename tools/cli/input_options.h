@@ -16,7 +16,7 @@ struct InputOptions {
   io::OpenOptions open;
 };
 
-// DATASET, --camera, --photometric, --camera-index, --format, --from, --until, --stride.
+// DATASET, --camera, --photometric, --mask, --camera-index, --format, --from, --until, --stride.
 void AddInputOptions(CLI::App* verb, InputOptions* options);
 
 // All that is read: not to be overwritten by what is written.
