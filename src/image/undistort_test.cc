@@ -138,7 +138,7 @@ TEST(Undistorter, WrongInputsAreNamed) {
   EXPECT_FALSE(Undistorter::Create(Euroc(), options).ok());
   Camera aside = Euroc();  // the axis lies outside the image
   aside.cx_px = -100;
-  EXPECT_EQ(Undistorter::Create(aside).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(Undistorter::Create(aside).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 }  // namespace

@@ -269,5 +269,27 @@ class Images(Recordings):
         self.assertGreater(len(self.frames.read_text().splitlines()), 20)
 
 
+class Calibrations(Recordings):
+    DURATION_S = 3
+
+    def test_what_no_lens_is_is_refused_everywhere(self):
+        good, map = self.path('good.yaml'), self.path('map.cairn')
+        good.write_text(CAMERA)
+        must('run', self.office, '--map', map)
+        for name, numbers, why in (('mm', '3.637, 3.638, 320, 240', 'millimetres'), ('relative', '0.65625, 0.875, 0.5, 0.5', 'shares'),
+                                   ('corner', '420, 420, 0, 0', 'principal point'), ('axes', '420, 4.2, 319.5, 239.5', 'factor')):
+            camera = self.path(f'{name}.yaml')
+            camera.write_text(CAMERA.replace('420, 420, 319.5, 239.5', numbers))
+            for arguments in (['run', self.office, '--map', self.path('x.cairn')], ['run', self.office, '--odometry-only'],
+                              ['run', self.office, '--map', map, '--extend'], ['localize', self.images[9], '--map', map],
+                              ['localize', self.office, '--independent', '--map', map], ['track', self.office, '--map', map]):
+                answer = cairn(*arguments, '--camera', camera)
+                self.assertEqual(answer.code, 1, arguments)
+                self.assertRegex(answer.json['error'], f'no lens has this calibration.*{why}')
+        self.assertFalse(self.path('x.cairn').exists())
+        camera.write_text(CAMERA.replace('319.5, 239.5', '160, 120'))
+        self.assertIn('the calibration is unusual', cairn('run', self.office, '--odometry-only', '--camera', camera).err)
+
+
 if __name__ == '__main__':
     unittest.main(verbosity=2)
