@@ -20,7 +20,7 @@ class FeatureTracker : public FrameTracker {
 
  private:
   absl::Status FollowMap();
-  Sighting MatchAhead(const ImageFeatures& image, TimeNs time_ns) const;
+  Sighting MatchAhead(const ImageFeatures& image, TimeNs time_ns);
   absl::StatusOr<Sighting> LookFor(const ImageFeatures& image, bool nearby, TimeNs time_ns);
   void SetAnchor(const direct::Frame& frame, const Sighting& sighting);
 
@@ -30,6 +30,7 @@ class FeatureTracker : public FrameTracker {
   std::optional<SE3> motion_;     // before_from_last, of the last two frames, ...
   double motion_s_ = 0.0;         // ... and the time between
   LostClock lost_;
+  StreamCache cache_;
 };
 
 absl::Status FeatureTracker::FollowMap() {
@@ -53,14 +54,14 @@ absl::Status FeatureTracker::FollowMap() {
 }
 
 // Where the camera would be at constant velocity, if that is known.
-Sighting FeatureTracker::MatchAhead(const ImageFeatures& image, TimeNs time_ns) const {
+Sighting FeatureTracker::MatchAhead(const ImageFeatures& image, TimeNs time_ns) {
   Expectation expected;
   expected.place = anchor_->place;
   if (motion_ && motion_s_ > 0.0) {
     const double ratio = std::min(ToSeconds(time_ns - anchor_->time_ns) / motion_s_, kMaxVelocityRatio);
     expected.place.map_from_camera = anchor_->place.map_from_camera * SE3::Exp(ratio * motion_->Log());
   }
-  return context_.matcher->Match(*context_.view, image, expected);
+  return context_.matcher->Match(*context_.view, image, expected, &cache_);
 }
 
 // Around the last pose, and then, from time to time, anywhere.
@@ -75,6 +76,10 @@ absl::StatusOr<Sighting> FeatureTracker::LookFor(const ImageFeatures& image, boo
     if (sighting.found) return sighting;
   }
   if (!lost_.Lost(time_ns)) return sighting;
+  if (const auto reason = context_.OutOfTime()) {
+    sighting.reason = *reason;
+    return sighting;
+  }
   return context_.matcher->Find(*context_.view, image);
 }
 

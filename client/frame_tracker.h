@@ -1,6 +1,7 @@
 // What the two ways of tracking share (client/local_tracker.h): the map as they see it, and what comes of a frame.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -29,6 +30,13 @@ struct TrackerContext {
   std::unique_ptr<MapWatch> watch;
   std::shared_ptr<const tracking::MapView> view;     // that the poses are in
   std::shared_ptr<const tracking::MapView> retired;  // goes to the watch with the next job
+  std::function<bool()> out_of_time;                 // of the call under way; may be empty
+
+  // Nothing if there is time left, else the reason of a loss.
+  std::optional<std::string> OutOfTime() const {
+    if (!out_of_time || !out_of_time()) return std::nullopt;
+    return "the time of the call was up before the whole map was searched";
+  }
 };
 
 // So long after a loss the camera is looked for around where it was.

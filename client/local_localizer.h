@@ -28,6 +28,9 @@ class LocalLocalizer : public api::Localizer {
   // (store::kMaxDeltaRevisions).
   absl::StatusOr<bool> Refresh() { return map_->Refresh(); }
 
+  // Of the same file at the same revision, sharing what is loaded; for another thread.
+  std::unique_ptr<MapReader> NewReader() const { return map_->Another(); }
+
   const map::Snapshot& snapshot() const { return map_->view()->map(); }
 
  private:

@@ -18,15 +18,29 @@ absl::Status LocalTrackerOptions::Validate() const {
   return odometry.Validate();
 }
 
+absl::Status LocalTracker::Check(const Camera& camera, const LocalTrackerOptions& options) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  CAIRN_RETURN_IF_ERROR(Annotate(camera.Validate(), "track"));
+  if (options.photometric) CAIRN_RETURN_IF_ERROR(Annotate(options.photometric->ValidateFor(camera), "track"));
+  return absl::OkStatus();
+}
+
 absl::StatusOr<std::unique_ptr<LocalTracker>> LocalTracker::Open(const std::string& path, const Camera& camera,
                                                                  const LocalTrackerOptions& options) {
   return Guarded([&]() -> absl::StatusOr<std::unique_ptr<LocalTracker>> {
-    CAIRN_RETURN_IF_ERROR(options.Validate());
-    CAIRN_RETURN_IF_ERROR(Annotate(camera.Validate(), "track"));
-    CAIRN_ASSIGN_OR_RETURN(image::Undistorter undistorter, image::Undistorter::Create(camera));
-    // The odometry says what it thinks of the camera before the map is loaded.
-    CAIRN_RETURN_IF_ERROR(direct::Odometry::Create(options.odometry, undistorter.pinhole()).status());
+    CAIRN_RETURN_IF_ERROR(Check(camera, options));  // before the map is loaded
     CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<MapReader> reader, MapReader::Open(path));
+    return Open(std::move(reader), camera, options);
+  });
+}
+
+absl::StatusOr<std::unique_ptr<LocalTracker>> LocalTracker::Open(std::unique_ptr<MapReader> reader,
+                                                                 const Camera& camera,
+                                                                 const LocalTrackerOptions& options) {
+  return Guarded([&]() -> absl::StatusOr<std::unique_ptr<LocalTracker>> {
+    CAIRN_RETURN_IF_ERROR(Check(camera, options));
+    CAIRN_ASSIGN_OR_RETURN(image::Undistorter undistorter, image::Undistorter::Create(camera));
+    CAIRN_RETURN_IF_ERROR(direct::Odometry::Create(options.odometry, undistorter.pinhole()).status());
     auto context = std::make_unique<TrackerContext>();
     context->options = options;
     context->pinhole = undistorter.pinhole();
@@ -56,12 +70,20 @@ absl::StatusOr<api::TrackAnswer> LocalTracker::Follow(const api::TrackFrame& fra
   direct::Frame prepared;
   prepared.index = next_index_++;
   prepared.time_ns = frame.time_ns;
-  CAIRN_ASSIGN_OR_RETURN(prepared.image, undistorter_.Undistort(frame.image));
+  const auto& photometric = context_->options.photometric;
+  CAIRN_ASSIGN_OR_RETURN(image::PreparedImage images,
+                         image::PrepareImage(frame.image, undistorter_, photometric ? &*photometric : nullptr));
+  prepared.image = std::move(images.gray);
+  prepared.corrected = std::move(images.corrected);
+  if (photometric) prepared.exposure_gain = photometric->ExposureGain(frame.exposure_s);
   if (undistorter_.identity()) prepared.image = prepared.image.clone();  // kept for longer than the caller keeps his
-  CAIRN_ASSIGN_OR_RETURN(const TrackStep step, tracker_->Track(prepared));
+  context_->out_of_time = frame.out_of_time;
+  const absl::StatusOr<TrackStep> step = tracker_->Track(prepared);
+  context_->out_of_time = {};
+  CAIRN_RETURN_IF_ERROR(step.status());
   api::TrackAnswer answer;
   answer.time_ns = frame.time_ns;
-  Fill(step, &answer);
+  Fill(*step, &answer);
   answer.track_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return answer;
 }

@@ -17,7 +17,7 @@
 // was removed, the camera is lost until it is matched again (which is the next message, as a rule).
 //
 // Memory: what is kept of the past is bounded (direct::OdometryOptions::keep_history). Odometry and matching see
-// undistorted images without photometric correction.
+// undistorted images; the odometry's are photometrically corrected where the calibration is known.
 #pragma once
 
 #include <memory>
@@ -27,6 +27,7 @@
 #include "base/frame_times.h"
 #include "client/frame_tracker.h"
 #include "client/local_tracker_options.h"
+#include "client/map_reader.h"
 #include "geometry/camera.h"
 #include "image/undistort.h"
 
@@ -39,12 +40,17 @@ class LocalTracker : public api::Tracker {
   static absl::StatusOr<std::unique_ptr<LocalTracker>> Open(const std::string& path, const Camera& camera,
                                                             const LocalTrackerOptions& options = {});
 
+  // In a map that is open already, and shared with others.
+  static absl::StatusOr<std::unique_ptr<LocalTracker>> Open(std::unique_ptr<MapReader> reader, const Camera& camera,
+                                                            const LocalTrackerOptions& options = {});
+
   absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override;
 
   // The map as the last answer saw it.
   const map::Snapshot& snapshot() const { return context_->view->map(); }
 
  private:
+  static absl::Status Check(const Camera& camera, const LocalTrackerOptions& options);
   LocalTracker(image::Undistorter undistorter, std::unique_ptr<TrackerContext> context,
                std::unique_ptr<FrameTracker> tracker)
       : undistorter_(std::move(undistorter)), context_(std::move(context)), tracker_(std::move(tracker)) {}

@@ -1,10 +1,13 @@
 // The settings of client::LocalTracker, with defaults for every map and camera.
 #pragma once
 
+#include <optional>
+
 #include "base/status.h"
 #include "client/anchor.h"
 #include "client/map_matcher.h"
 #include "direct/odometry_options.h"
+#include "image/photometric.h"
 
 namespace cairn::client {
 
@@ -18,6 +21,8 @@ struct LocalTrackerOptions {
   direct::OdometryOptions odometry;
   MapMatcherOptions matching;
   DriftOptions drift;
+  // Response and vignette of the camera: the odometry sees images without them.
+  std::optional<image::PhotometricCalibration> photometric;
   // Everything in the caller's thread and in one order: the same images give the same answers. Calls that match the map
   // or optimize the odometry's window take as long as that.
   bool deterministic = false;

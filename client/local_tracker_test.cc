@@ -127,5 +127,139 @@ TEST(Anchor, UncertaintyGrowsWithTheWay) {
   }
 }
 
+client::Anchor AnchorAt(const Vector3d& place, double noise) {
+  client::Anchor anchor;
+  anchor.place.map_from_camera = SE3(Quaterniond::Identity(), place);
+  anchor.place.median_depth = 2.0;
+  anchor.noise_variance = noise * noise;
+  return anchor;
+}
+
+TEST(Anchor, LiesBetweenWhatWasCarriedOnAndTheMatch) {
+  const client::Anchor before = AnchorAt({0.0, 0.0, 0.0}, 0.001);
+  const SE3 carried(Quaterniond::Identity(), Vector3d(1.0, 0.0, 0.0));
+  const auto blended = [&](double drift) {
+    client::Anchor match = AnchorAt({1.004, 0.0, 0.0}, 0.001);
+    EXPECT_GT(client::Blend(before, carried, {2.0 * drift, 0.0}, &match), 0.0);
+    EXPECT_LT(match.noise_variance, 1e-6) << "both together are surer than the match";
+    return match.place.map_from_camera.translation().x();
+  };
+  EXPECT_NEAR(blended(0.0), 1.002, 1e-9);
+  EXPECT_NEAR(blended(0.001), 1.0 + 0.004 * 2.0 / 3.0, 1e-9);
+  EXPECT_GT(blended(0.1), 1.0039) << "after a long way the match counts alone";
+
+  client::Anchor far = AnchorAt({1.1, 0.0, 0.0}, 0.001);
+  EXPECT_GT(client::Blend(before, carried, {}, &far), 16.0);
+  EXPECT_EQ(far.place.map_from_camera.translation().x(), 1.1) << "nor with a way that does not explain it";
+}
+
+TEST(Anchor, LearnsHowMuchTheOdometryDrifts) {
+  client::Drift poor, good;
+  for (int i = 0; i < 100; ++i) poor.Learn(4.0), good.Learn(0.2);
+  EXPECT_GT(poor.factor(), 2.0);
+  EXPECT_LT(good.factor(), 0.7);
+  for (int i = 0; i < 1000; ++i) poor.Learn(1e9), good.Learn(0.0);
+  EXPECT_LE(poor.factor(), 4.0);
+  EXPECT_GE(good.factor(), 0.5);
+  for (int i = 0; i < 1000; ++i) good.Learn(9.0);
+  EXPECT_EQ(good.factor(), poor.factor()) << "and forgets";
+}
+
+class LocalTrackerOfAMap : public testing::Test {
+ protected:
+  void SetUp() override {
+    path_ = testing::TempDir() + "/local_tracker_of_" + std::to_string(getpid()) + ".cairn";
+    std::remove(path_.c_str());
+    ASSERT_TRUE(WriteConformanceMap(path_).ok());
+  }
+  void TearDown() override { std::remove(path_.c_str()); }
+  cv::Mat ImageAt(int i) const {
+    return map_.room.Render(map_.pinhole, LookInRoom({-0.3 + 0.004 * i, 0.0, -1.4}, 0.0));
+  }
+
+  const ConformanceMap& map_ = TheConformanceMap();
+  const Camera camera_ = Camera::FromPinhole(map_.pinhole);
+  std::string path_;
+};
+
+TEST_F(LocalTrackerOfAMap, TrackersShareWhatAReaderHasLoaded) {
+  const auto reader = client::MapReader::Open(path_);
+  ASSERT_TRUE(reader.ok()) << reader.status();
+  const std::unique_ptr<client::MapReader> another = (*reader)->Another();
+  EXPECT_EQ(another->view(), (*reader)->view());
+  auto tracker = client::LocalTracker::Open((*reader)->Another(), camera_);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  EXPECT_EQ(&(*tracker)->snapshot(), &(*reader)->view()->map());
+  {
+    auto store = store::OpenMapStore(path_, store::OpenMode::kWrite);
+    ASSERT_TRUE(store.ok()) << store.status();
+    map::Edit edit(*(*store)->LoadSnapshot());
+    edit.AddComponent({.id = {}, .session = SessionId(1)});
+    ASSERT_TRUE((*store)->Commit(edit.Finish("a change")).ok());
+  }
+  const std::shared_ptr<const tracking::MapView> before = another->view();
+  EXPECT_TRUE(*(*reader)->Refresh());
+  EXPECT_EQ(another->view(), before) << "each stays where it is until it is asked";
+  EXPECT_TRUE(*another->Refresh());
+  EXPECT_EQ(another->view(), (*reader)->view()) << "what one has read the others need not";
+  EXPECT_FALSE(*another->Refresh());
+}
+
+TEST_F(LocalTrackerOfAMap, LooksForItselfOnlyWhileThereIsTime) {
+  for (const client::TrackMode mode : {client::TrackMode::kSemiDirect, client::TrackMode::kFeatures}) {
+    client::LocalTrackerOptions options;
+    options.mode = mode;
+    const auto tracker = client::LocalTracker::Open(path_, camera_, options);
+    ASSERT_TRUE(tracker.ok()) << tracker.status();
+    const auto late = (*tracker)->Track({ImageAt(0), 1, 0.0, [] { return true; }});
+    ASSERT_TRUE(late.ok()) << late.status();
+    EXPECT_EQ(late->state, api::TrackState::kLost);
+    EXPECT_NE(late->reason.find("time"), std::string::npos) << late->reason;
+    const auto found = (*tracker)->Track({ImageAt(1), 1'000'000'000, 0.0, [] { return false; }});
+    ASSERT_TRUE(found.ok()) << found.status();
+    EXPECT_EQ(found->state, api::TrackState::kLocated) << found->reason;
+    const auto followed = (*tracker)->Track({ImageAt(2), 1'033'000'000, 0.0, [] { return true; }});
+    ASSERT_TRUE(followed.ok()) << followed.status();
+    EXPECT_EQ(followed->state, api::TrackState::kTracked) << "which takes no time worth asking for";
+  }
+}
+
+// A camera whose exposure doubles from one image to the next, and whose corners are dark: what the odometry sees is
+// free of both.
+TEST_F(LocalTrackerOfAMap, FollowsACalibratedCamera) {
+  const cv::Size size(camera_.width_px, camera_.height_px);
+  cv::Mat vignette(size, CV_32FC1);
+  for (int y = 0; y < size.height; ++y) {
+    for (int x = 0; x < size.width; ++x) {
+      const double r = std::hypot(x - 0.5 * size.width, y - 0.5 * size.height) / size.width;
+      vignette.at<float>(y, x) = static_cast<float>(1.0 - r * r);
+    }
+  }
+  std::vector<double> inverse_response;
+  for (int i = 0; i < 256; ++i) inverse_response.push_back(std::pow(i / 255.0, 2.2));
+  client::LocalTrackerOptions options;
+  options.deterministic = true;
+  options.photometric = *image::PhotometricCalibration::Create(inverse_response, vignette);
+  const auto tracker = client::LocalTracker::Open(path_, camera_, options);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  for (int i = 0; i < 12; ++i) {
+    const double exposure = i % 2 == 0 ? 1.0 : 0.5;
+    cv::Mat image = ImageAt(i);
+    for (int y = 0; y < size.height; ++y) {
+      for (int x = 0; x < size.width; ++x) {
+        auto& gray = image.at<std::uint8_t>(y, x);
+        const double light = gray / 255.0 * exposure * vignette.at<float>(y, x);
+        gray = cv::saturate_cast<std::uint8_t>(255.0 * std::pow(light, 1.0 / 2.2));
+      }
+    }
+    const auto answer = (*tracker)->Track({image, 1 + i * 33'333'333LL, 0.01 * exposure});
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    ASSERT_EQ(answer->state, i == 0 ? api::TrackState::kLocated : api::TrackState::kTracked) << i << answer->reason;
+    EXPECT_LT((answer->map_from_camera.translation() - Vector3d(-0.3 + 0.004 * i, 0.0, -1.4)).norm(), 0.03) << i;
+  }
+  options.photometric = *image::PhotometricCalibration::Create(inverse_response, vignette(cv::Rect(0, 0, 20, 20)));
+  EXPECT_EQ(client::LocalTracker::Open(path_, camera_, options).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
 }  // namespace
 }  // namespace cairn::conformance

@@ -97,8 +97,8 @@ Sighting MapMatcher::ToSighting(const tracking::MapView& view, const ImageFeatur
   return sighting;
 }
 
-Sighting MapMatcher::Match(const tracking::MapView& view, const ImageFeatures& image,
-                           const Expectation& expected) const {
+Sighting MapMatcher::Match(const tracking::MapView& view, const ImageFeatures& image, const Expectation& expected,
+                           StreamCache* cache) const {
   const Pinhole& pinhole = undistorter_->pinhole();
   const image::FeatureGrid grid(image.features.keypoints, pinhole.width_px, pinhole.height_px);
   tracking::LocalMapStart start;
@@ -107,6 +107,11 @@ Sighting MapMatcher::Match(const tracking::MapView& view, const ImageFeatures& i
   start.anchor = expected.place.reference;
   start.median_depth = expected.place.median_depth;
   start.radius_factor = RadiusFactor(expected, pinhole, options_.local_map.search_radius_px);
+  start.seen_first = !expected.after_loss && !expected.cautious;
+  if (cache != nullptr) {
+    if (cache->map != view.snapshot()) *cache = {view.snapshot(), {}};
+    start.cache = &cache->points;
+  }
   const tracking::TrackedView tracked =
       TrackLocalMap(view.map(), {pinhole, image.features, grid}, start, options_.local_map);
   const bool cautious = expected.after_loss || expected.cautious;

@@ -22,7 +22,7 @@ namespace cairn::client {
 
 struct MapMatcherOptions {
   tracking::RelocalizerOptions relocalizer;
-  tracking::LocalMapTrackerOptions local_map;
+  tracking::LocalMapTrackerOptions local_map{.weigh_points = true};
   int num_features = 0;             // per image; 0: as many as the map's keyframes were made with
   int num_features_followed = 800;  // per image while every one is followed by features: fewer are enough
   // Of the matches of the last round of LocalMapTracker, the share that must agree on one pose. In a place that only is
@@ -64,6 +64,12 @@ struct Expectation {
   bool cautious = false;    // as many matches as after a loss must agree
 };
 
+// What is kept of the map from one image of a stream to the next.
+struct StreamCache {
+  std::shared_ptr<const map::Snapshot> map;  // that the points are of
+  tracking::LocalPointCache points;
+};
+
 // A match of an image with the map.
 struct Sighting {
   bool found = false;
@@ -86,7 +92,9 @@ class MapMatcher {
 
   // All of them, or as many as are enough to follow a camera.
   absl::StatusOr<ImageFeatures> Extract(const tracking::MapView& view, const cv::Mat& undistorted, bool all) const;
-  Sighting Match(const tracking::MapView& view, const ImageFeatures& image, const Expectation& expected) const;
+  // `cache`: of the stream that the image belongs to, for one thread at a time; may be null.
+  Sighting Match(const tracking::MapView& view, const ImageFeatures& image, const Expectation& expected,
+                 StreamCache* cache = nullptr) const;
   // Anywhere, accepted as tracking::Relocalizer does.
   absl::StatusOr<Sighting> Find(const tracking::MapView& view, const ImageFeatures& image) const;
 

@@ -1,46 +1,91 @@
 #include "client/map_reader.h"
 
+#include <mutex>
 #include <optional>
 #include <utility>
 
+#include "place/vocabulary.h"
+
 namespace cairn::client {
 
-absl::StatusOr<std::unique_ptr<MapReader>> MapReader::Open(const std::string& path) {
-  auto reader = std::unique_ptr<MapReader>(new MapReader);
-  CAIRN_ASSIGN_OR_RETURN(reader->file_, store::OpenMapStore(path, store::OpenMode::kRead));
-  const absl::StatusOr<std::string> bytes = reader->file_->LoadVocabulary();
-  if (absl::IsNotFound(bytes.status())) {
-    return absl::FailedPreconditionError(
-        absl::StrCat(path, ": the map has no vocabulary, so that no place can be found in it"));
+// What readers share. Thread-safe.
+class MapReader::File {
+ public:
+  static absl::StatusOr<std::shared_ptr<File>> Open(const std::string& path) {
+    auto opened = std::make_shared<File>();
+    CAIRN_ASSIGN_OR_RETURN(opened->file_, store::OpenMapStore(path, store::OpenMode::kRead));
+    const absl::StatusOr<std::string> bytes = opened->file_->LoadVocabulary();
+    if (absl::IsNotFound(bytes.status())) {
+      return absl::FailedPreconditionError(
+          absl::StrCat(path, ": the map has no vocabulary, so that no place can be found in it"));
+    }
+    CAIRN_RETURN_IF_ERROR(bytes.status());
+    absl::StatusOr<place::Vocabulary> vocabulary = place::Vocabulary::Parse(*bytes);
+    CAIRN_RETURN_IF_ERROR(Annotate(vocabulary.status(), absl::StrCat(path, ": vocabulary")));
+    opened->vocabulary_ = std::make_shared<const place::Vocabulary>(*std::move(vocabulary));
+    const std::lock_guard lock(opened->mutex_);
+    CAIRN_RETURN_IF_ERROR(opened->Load());
+    return opened;
   }
-  CAIRN_RETURN_IF_ERROR(bytes.status());
-  absl::StatusOr<place::Vocabulary> vocabulary = place::Vocabulary::Parse(*bytes);
-  CAIRN_RETURN_IF_ERROR(Annotate(vocabulary.status(), absl::StrCat(path, ": vocabulary")));
-  reader->vocabulary_ = std::make_shared<const place::Vocabulary>(*std::move(vocabulary));
-  CAIRN_RETURN_IF_ERROR(reader->Load());
-  return reader;
+
+  // The newest revision. Others that ask meanwhile wait, and find it read.
+  absl::StatusOr<std::shared_ptr<const tracking::MapView>> Newest() {
+    const std::lock_guard lock(mutex_);
+    CAIRN_ASSIGN_OR_RETURN(const Revision newest, file_->ReadRevision());
+    if (newest == view_->revision()) return view_;
+    CAIRN_ASSIGN_OR_RETURN(const std::optional<map::Delta> delta, file_->ReadDelta(view_->map()));
+    if (!delta) {
+      CAIRN_RETURN_IF_ERROR(Load());
+      return view_;
+    }
+    auto next = view_->After(*delta);
+    CAIRN_RETURN_IF_ERROR(Annotate(next.status(), file_->uri()));
+    view_ = *std::move(next);
+    return view_;
+  }
+
+  std::shared_ptr<const tracking::MapView> view() const {
+    const std::lock_guard lock(mutex_);
+    return view_;
+  }
+
+  absl::StatusOr<store::MapSummary> ReadSummary() {
+    const std::lock_guard lock(mutex_);
+    return file_->ReadSummary();
+  }
+
+ private:
+  absl::Status Load() {
+    CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot());
+    auto view = tracking::MapView::Create(std::move(snapshot), vocabulary_);
+    CAIRN_RETURN_IF_ERROR(Annotate(view.status(), file_->uri()));
+    view_ = *std::move(view);
+    return absl::OkStatus();
+  }
+
+  mutable std::mutex mutex_;
+  std::unique_ptr<store::MapStore> file_;
+  std::shared_ptr<const place::Vocabulary> vocabulary_;
+  std::shared_ptr<const tracking::MapView> view_;  // the newest that was read
+};
+
+absl::StatusOr<std::unique_ptr<MapReader>> MapReader::Open(const std::string& path) {
+  CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<File> file, File::Open(path));
+  std::shared_ptr<const tracking::MapView> view = file->view();
+  return std::unique_ptr<MapReader>(new MapReader(std::move(file), std::move(view)));
 }
 
-absl::Status MapReader::Load() {
-  CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot());
-  auto view = tracking::MapView::Create(std::move(snapshot), vocabulary_);
-  CAIRN_RETURN_IF_ERROR(Annotate(view.status(), file_->uri()));
-  view_ = *std::move(view);
-  return absl::OkStatus();
+std::unique_ptr<MapReader> MapReader::Another() const {
+  return std::unique_ptr<MapReader>(new MapReader(file_, view_));
 }
 
 absl::StatusOr<bool> MapReader::Refresh() {
-  CAIRN_ASSIGN_OR_RETURN(const Revision newest, file_->ReadRevision());
-  if (newest == view_->revision()) return false;
-  CAIRN_ASSIGN_OR_RETURN(const std::optional<map::Delta> delta, file_->ReadDelta(view_->map()));
-  if (!delta) {
-    CAIRN_RETURN_IF_ERROR(Load());
-    return true;
-  }
-  auto next = view_->After(*delta);
-  CAIRN_RETURN_IF_ERROR(Annotate(next.status(), file_->uri()));
-  view_ = *std::move(next);
+  CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<const tracking::MapView> newest, file_->Newest());
+  if (newest == view_) return false;
+  view_ = std::move(newest);
   return true;
 }
+
+absl::StatusOr<store::MapSummary> MapReader::ReadSummary() { return file_->ReadSummary(); }
 
 }  // namespace cairn::client

@@ -1,12 +1,12 @@
-// A map file that is only read: its newest revision as a tracking::MapView, and the way on to what a writer adds to it.
-// For one thread at a time; the views may be used by any number.
+// A map file that is only read: one revision of it as a tracking::MapView, and the way on to what a writer adds to it.
+// For one thread at a time; the views may be used by any number. Readers that share a file, each for a thread of its
+// own, read every change once and hold every revision once.
 #pragma once
 
 #include <memory>
 #include <string>
 
 #include "base/status.h"
-#include "place/vocabulary.h"
 #include "store/map_store.h"
 #include "tracking/map_view.h"
 
@@ -18,20 +18,23 @@ class MapReader {
   // FailedPrecondition if the map has no vocabulary.
   static absl::StatusOr<std::unique_ptr<MapReader>> Open(const std::string& path);
 
+  // Another one that shares the file, at the revision of this one.
+  std::unique_ptr<MapReader> Another() const;
+
   const std::shared_ptr<const tracking::MapView>& view() const { return view_; }
 
   // Goes on to a newer revision if a writer has made one; true if so. Reads what has changed, as long as that is known
   // (store::kMaxDeltaRevisions), and else all. After an error the view is what it was.
   absl::StatusOr<bool> Refresh();
 
-  absl::StatusOr<store::MapSummary> ReadSummary() { return file_->ReadSummary(); }
+  absl::StatusOr<store::MapSummary> ReadSummary();
 
  private:
-  MapReader() = default;
-  absl::Status Load();
+  class File;
+  MapReader(std::shared_ptr<File> file, std::shared_ptr<const tracking::MapView> view)
+      : file_(std::move(file)), view_(std::move(view)) {}
 
-  std::unique_ptr<store::MapStore> file_;
-  std::shared_ptr<const place::Vocabulary> vocabulary_;
+  std::shared_ptr<File> file_;
   std::shared_ptr<const tracking::MapView> view_;
 };
 

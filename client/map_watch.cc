@@ -155,7 +155,7 @@ absl::Status MapWatch::Look(const WatchJob& job, WatchAnswer* answer) {
   }
   const bool anywhere = job.find_anywhere || !expected;
   CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, matcher_->Extract(view, job.frame.image, true));
-  if (expected) answer->sighting = matcher_->Match(view, image, *expected);
+  if (expected) answer->sighting = matcher_->Match(view, image, *expected, &cache_);
   if (!answer->sighting.found && anywhere) {
     CAIRN_ASSIGN_OR_RETURN(answer->sighting, matcher_->Find(view, image));
     answer->anywhere = true;

@@ -84,6 +84,7 @@ class MapWatch {
   const std::shared_ptr<const MapMatcher> matcher_;
   std::optional<std::chrono::steady_clock::time_point> refreshed_;
   absl::Status following_;
+  StreamCache cache_;
 
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable work_, done_;

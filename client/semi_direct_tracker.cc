@@ -31,6 +31,23 @@ constexpr double kSearchEvery = 0.1;  // or this share of the time since the las
 constexpr double kContradictionSigmas = 4.0;
 constexpr double kContradictionDepthShare = 0.05;
 constexpr double kContradictionRad = 0.05;
+// To a new anchor that is further off than is usual, in median depths and rad together, poses go over by and by, so
+// that nothing that is shown with them jumps: in this time all but 1 / e of the rest of the correction is made.
+constexpr double kUsualCorrection = 0.003;
+constexpr double kCorrectionS = 0.2;
+
+// What of a correction is left for later.
+SE3 BeyondUsual(const SE3& correction, double median_depth) {
+  const Vector6d by = correction.Log();
+  const double size = std::hypot(by.head<3>().norm() / std::max(median_depth, 1e-9), by.tail<3>().norm());
+  return size > kUsualCorrection ? SE3::Exp((1.0 - kUsualCorrection / size) * by) : SE3();
+}
+
+Sighting Miss(std::string reason) {
+  Sighting miss;
+  miss.reason = std::move(reason);
+  return miss;
+}
 
 class SemiDirectTracker : public FrameTracker {
  public:
@@ -50,12 +67,13 @@ class SemiDirectTracker : public FrameTracker {
   void Adopt(const std::shared_ptr<const tracking::MapView>& view);
   absl::Status Use(const WatchAnswer& answer);
   bool Contradicts(const WatchAnswer& answer);
-  void SetAnchor(const direct::FrameResult& direct, const Odometer& odometer, const Sighting& sighting);
+  void SetAnchor(const direct::FrameResult& direct, const Odometer& odometer, const Sighting& sighting, bool blend);
 
   // Matched against the map since the last frame without a pose.
   bool Confirmed() const { return anchor_ && anchor_->direct.index > lost_index_; }
   std::optional<SE3> PoseOf(const direct::FrameResult& result) const;
   void Count(const direct::FrameResult& result);
+  void Correct(double seconds) { pending_ = SE3::Exp(std::exp(-seconds / kCorrectionS) * pending_.Log()); }
   TrackStep Followed(const direct::FrameResult& result, const SE3& map_from_camera);
   void MatchBeside(const direct::Frame& frame, const direct::FrameResult& result, const SE3& map_from_camera);
   absl::StatusOr<TrackStep> Lost(const direct::Frame& frame, const std::string& why, bool worth_a_look);
@@ -64,6 +82,7 @@ class SemiDirectTracker : public FrameTracker {
 
   TrackerContext& context_;
   const DriftOptions drift_;
+  Drift learnt_;
   absl::Status following_;
 
   std::unique_ptr<DirectFollower> follower_;
@@ -72,6 +91,7 @@ class SemiDirectTracker : public FrameTracker {
   std::optional<Anchor> anchor_;
   std::optional<Doubted> doubted_;
   Odometer odometer_;
+  SE3 pending_;                     // a pose by the anchor times this is the pose that is answered
   direct::FrameResult last_;        // the last frame that was followed
   std::optional<TimeNs> posed_ns_;  // the time of the last frame with a pose, ...
   SE3 last_pose_;                   // ... and that pose, in the frame of the anchor's component
@@ -116,12 +136,18 @@ absl::StatusOr<TrackStep> SemiDirectTracker::Track(const direct::Frame& frame) {
 
 TrackStep SemiDirectTracker::Followed(const direct::FrameResult& result, const SE3& map_from_camera) {
   lost_.Found();
+  if (posed_ns_) Correct(ToSeconds(result.time_ns - *posed_ns_));
   posed_ns_ = result.time_ns;
   last_pose_ = map_from_camera;
   TrackStep step;
   step.component = anchor_->place.component;
-  step.map_from_camera = map_from_camera;
-  step.covariance = CovarianceOf(*anchor_, map_from_camera, SigmaSince(*anchor_, odometer_, drift_), drift_);
+  step.map_from_camera = map_from_camera * pending_;
+  MotionSigma motion = SigmaSince(*anchor_, odometer_, drift_, learnt_.factor());
+  // What is still to be corrected is an error that is known of.
+  const Vector6d pending = (step.map_from_camera.Inverse() * map_from_camera).Log();
+  motion.translation = std::hypot(motion.translation, pending.head<3>().norm() / std::sqrt(3.0));
+  motion.rotation_rad = std::hypot(motion.rotation_rad, pending.tail<3>().norm() / std::sqrt(3.0));
+  step.covariance = CovarianceOf(*anchor_, step.map_from_camera, motion, drift_);
   step.state = api::TrackState::kTracked;
   const double age_s = ToSeconds(result.time_ns - anchor_->time_ns);
   if (!result.message.empty()) {
@@ -167,7 +193,7 @@ void SemiDirectTracker::MatchBeside(const direct::Frame& frame, const direct::Fr
   job.depths = follower_->Depths();
   job.view = context_.view;
   job.retired = std::move(context_.retired);
-  const MotionSigma motion = SigmaSince(*anchor_, odometer_, drift_);
+  const MotionSigma motion = SigmaSince(*anchor_, odometer_, drift_, learnt_.factor());
   Expectation expected;
   expected.place = anchor_->place;
   expected.place.map_from_camera = map_from_camera;
@@ -200,6 +226,7 @@ void SemiDirectTracker::Adopt(const std::shared_ptr<const tracking::MapView>& vi
     std::optional<Anchor> moved = MoveAnchor(*anchor_, context_.view->map(), view->map(), &ratio);
     if (moved) {
       last_pose_ = moved->place.map_from_camera * Scaled(anchor_->place.map_from_camera.Inverse() * last_pose_, ratio);
+      pending_ = Scaled(pending_, ratio);
       odometer_.way *= ratio;
       scale_.Rescale(ratio);
     } else {
@@ -235,8 +262,9 @@ absl::Status SemiDirectTracker::Use(const WatchAnswer& answer) {
   }
   Odometer odometer = answer.odometer;
   odometer.way *= answer.unit_ratio;
+  SetAnchor(answer.direct, odometer, answer.sighting, !answer.anywhere);
+  // After it: the way until there was counted in the scale before.
   if (const auto scale = tracking::ScaleFromDepths(answer.depth_ratios)) scale_.Update(scale, std::nullopt);
-  SetAnchor(answer.direct, odometer, answer.sighting);
   return absl::OkStatus();
 }
 
@@ -250,7 +278,7 @@ bool SemiDirectTracker::Contradicts(const WatchAnswer& answer) {
   };
   const std::optional<SE3> carried = PoseOf(answer.direct);
   if (!carried) return false;
-  const MotionSigma sigma = SigmaSince(*anchor_, answer.odometer, drift_);
+  const MotionSigma sigma = SigmaSince(*anchor_, answer.odometer, drift_, learnt_.factor());
   const bool same_component = answer.sighting.place.component == anchor_->place.component;
   if (same_component &&
       !differ(*carried, kContradictionSigmas * sigma.translation, kContradictionSigmas * sigma.rotation_rad)) {
@@ -264,10 +292,26 @@ bool SemiDirectTracker::Contradicts(const WatchAnswer& answer) {
   return true;
 }
 
-void SemiDirectTracker::SetAnchor(const direct::FrameResult& direct, const Odometer& odometer,
-                                  const Sighting& sighting) {
-  anchor_ = Anchor{
-      direct, sighting.place, sighting.covariance, direct.time_ns, sighting.inliers, sighting.residual_rms, odometer};
+void SemiDirectTracker::SetAnchor(const direct::FrameResult& direct, const Odometer& odometer, const Sighting& sighting,
+                                  bool blend) {
+  Anchor anchor{direct,
+                sighting.place,
+                sighting.covariance,
+                direct.time_ns,
+                sighting.inliers,
+                sighting.residual_rms,
+                odometer,
+                MatchVariance(sighting.inliers, drift_)};
+  std::optional<SE3> answered;
+  if (blend && Confirmed() && anchor_->place.component == anchor.place.component) {
+    answered = PoseOf(last_);
+    if (const std::optional<SE3> carried = PoseOf(direct)) {
+      learnt_.Learn(Blend(*anchor_, *carried, SigmaSince(*anchor_, odometer, drift_, learnt_.factor()), &anchor));
+    }
+  }
+  anchor_ = std::move(anchor);
+  const std::optional<SE3> corrected = answered ? PoseOf(last_) : std::nullopt;
+  pending_ = corrected ? BeyondUsual(corrected->Inverse() * *answered * pending_, anchor_->place.median_depth) : SE3();
   failures_ = 0;
   doubted_.reset();
 }
@@ -311,6 +355,7 @@ absl::StatusOr<TrackStep> SemiDirectTracker::Lost(const direct::Frame& frame, co
 
 // Around the last pose, if it is not long ago, and then anywhere.
 absl::StatusOr<Sighting> SemiDirectTracker::LookInCall(const direct::Frame& frame) const {
+  if (const auto reason = context_.OutOfTime()) return Miss(*reason);
   CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, context_.matcher->Extract(*context_.view, frame.image, true));
   if (anchor_ && posed_ns_ && ToSeconds(frame.time_ns - *posed_ns_) <= kNearbyS) {
     Expectation expected;
@@ -320,6 +365,7 @@ absl::StatusOr<Sighting> SemiDirectTracker::LookInCall(const direct::Frame& fram
     Sighting near = context_.matcher->Match(*context_.view, image, expected);
     if (near.found) return near;
   }
+  if (const auto reason = context_.OutOfTime()) return Miss(*reason);
   return context_.matcher->Find(*context_.view, image);
 }
 
@@ -343,7 +389,7 @@ void SemiDirectTracker::BeginAt(const direct::Frame& frame, const Sighting& sigh
   last_ = begun;
   given_ns_ = posed_ns_.emplace(frame.time_ns);
   last_pose_ = sighting.place.map_from_camera;
-  SetAnchor(begun, odometer_, sighting);
+  SetAnchor(begun, odometer_, sighting, false);
 }
 
 }  // namespace

@@ -13,7 +13,7 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> MakeLocalTracker(MapState& map, co
   local.deterministic = options.deterministic;
   local.relocalize_in_call = options.relocalize_in_call;
   local.wait_for_matches = options.wait_for_matches;
-  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<LocalTracker> tracker, LocalTracker::Open(map.path(), camera, local));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<LocalTracker> tracker, LocalTracker::Open(map.NewReader(), camera, local));
   return tracker;
 }
 

@@ -115,6 +115,7 @@ absl::StatusOr<TrackAnswer> Tracker::Impl::Track(const ImageView& image, std::in
   frame.image = image.format == PixelFormat::kGray8 ? gray.clone() : gray;
   const std::lock_guard lock(mutex_);
   CAIRN_RETURN_IF_ERROR(client::CheckCall(call, "track"));
+  frame.out_of_time = [&call] { return !client::CheckCall(call, "track").ok(); };
   CAIRN_ASSIGN_OR_RETURN(const api::TrackAnswer answer, tracker_->Track(frame));
   return client::ToPublic(answer);
 }

@@ -7,7 +7,7 @@ namespace cairn::client {
 absl::StatusOr<std::shared_ptr<MapState>> MapState::Open(const std::string& path,
                                                          const LocalLocalizerOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<LocalLocalizer> localizer, LocalLocalizer::Open(path, options));
-  return std::shared_ptr<MapState>(new MapState(path, std::move(localizer)));
+  return std::shared_ptr<MapState>(new MapState(std::move(localizer)));
 }
 
 std::shared_lock<std::shared_mutex> MapState::LockToRead() {
@@ -24,6 +24,11 @@ absl::StatusOr<bool> MapState::Refresh() {
 absl::StatusOr<api::LocalizeAnswer> MapState::Localize(const api::LocalizeQuery& query) {
   const auto lock = LockToRead();
   return localizer_->Localize(query);
+}
+
+std::unique_ptr<MapReader> MapState::NewReader() {
+  const auto lock = LockToRead();
+  return localizer_->NewReader();
 }
 
 void MapState::Read(const std::function<void(const map::Snapshot&)>& read) {

@@ -10,6 +10,7 @@
 #include "api/localizer.h"
 #include "base/status.h"
 #include "client/local_localizer.h"
+#include "client/map_reader.h"
 #include "map/snapshot.h"
 
 namespace cairn::client {
@@ -27,14 +28,13 @@ class MapState {
   // `read` gets the revision that the map is at, and must not keep it.
   void Read(const std::function<void(const map::Snapshot&)>& read);
 
-  const std::string& path() const { return path_; }
+  // For a tracker: it shares what is loaded and begins at the revision that the map is at.
+  std::unique_ptr<MapReader> NewReader();
 
  private:
-  MapState(std::string path, std::unique_ptr<LocalLocalizer> localizer)
-      : path_(std::move(path)), localizer_(std::move(localizer)) {}
+  explicit MapState(std::unique_ptr<LocalLocalizer> localizer) : localizer_(std::move(localizer)) {}
   std::shared_lock<std::shared_mutex> LockToRead();
 
-  const std::string path_;
   const std::unique_ptr<LocalLocalizer> localizer_;
   // Taken by everybody for a moment before mutex_: a stream of readers would otherwise keep Refresh() out for good.
   std::mutex gate_;

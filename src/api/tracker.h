@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <opencv2/core.hpp>
 #include <string>
 
@@ -15,8 +16,11 @@
 namespace cairn::api {
 
 struct TrackFrame {
-  cv::Mat image;       // CV_8UC1, raw as the camera gives it, of the size of the tracker's camera
-  TimeNs time_ns = 0;  // later than the frame's before
+  cv::Mat image;            // CV_8UC1, raw as the camera gives it, of the size of the tracker's camera
+  TimeNs time_ns = 0;       // later than the frame's before
+  double exposure_s = 0.0;  // 0: unknown
+  // Asked between the steps of looking for a lost camera, which take long; true: the answer is kLost. May be empty.
+  std::function<bool()> out_of_time = {};
 };
 
 enum class TrackState {

@@ -66,6 +66,34 @@ std::vector<const map::MapPoint*> PointsOf(const MapView& map, std::span<const K
   return points;
 }
 
+// The keyframes that see given points, most first.
+template <class MapView>
+KeyframeList Sharing(const MapView& map, std::span<const PointId> seen, const LocalMapOptions& options) {
+  std::unordered_map<KeyframeId, int> count_of;
+  for (const PointId id : seen) {
+    const map::MapPoint* point = FindPoint(map, id);
+    if (point == nullptr) continue;
+    for (const map::Observation& observation : point->observations) ++count_of[observation.keyframe];
+  }
+  std::vector<std::pair<int, KeyframeId>> sharing;
+  for (const auto& [id, count] : count_of) {
+    if (FindKeyframe(map, id) != nullptr) sharing.emplace_back(-count, id);
+  }
+  std::sort(sharing.begin(), sharing.end());
+  KeyframeList list(options.max_keyframes);
+  for (const auto& [count, id] : sharing) list.Add(id);
+  return list;
+}
+
+template <class MapView>
+KeyframeList Given(const MapView& map, std::span<const KeyframeId> keyframes, const LocalMapOptions& options) {
+  KeyframeList list(options.max_keyframes);
+  for (const KeyframeId id : keyframes) {
+    if (FindKeyframe(map, id) != nullptr) list.Add(id);
+  }
+  return list;
+}
+
 template <class MapView>
 LocalMap Complete(const MapView& map, const LocalMapOptions& options, KeyframeList list) {
   LocalMap local;
@@ -88,30 +116,29 @@ absl::Status LocalMapOptions::Validate() const {
 
 template <class MapView>
 LocalMap LocalMapOfPoints(const MapView& map, std::span<const PointId> seen, const LocalMapOptions& options) {
-  std::unordered_map<KeyframeId, int> count_of;
-  for (const PointId id : seen) {
-    const map::MapPoint* point = FindPoint(map, id);
-    if (point == nullptr) continue;
-    for (const map::Observation& observation : point->observations) ++count_of[observation.keyframe];
-  }
-  std::vector<std::pair<int, KeyframeId>> sharing;
-  for (const auto& [id, count] : count_of) {
-    if (FindKeyframe(map, id) != nullptr) sharing.emplace_back(-count, id);
-  }
-  std::sort(sharing.begin(), sharing.end());
-  KeyframeList list(options.max_keyframes);
-  for (const auto& [count, id] : sharing) list.Add(id);
-  return Complete(map, options, std::move(list));
+  return Complete(map, options, Sharing(map, seen, options));
+}
+
+template <class MapView>
+std::vector<KeyframeId> LocalKeyframesOfPoints(const MapView& map, std::span<const PointId> seen,
+                                               const LocalMapOptions& options) {
+  KeyframeList list = Sharing(map, seen, options);
+  AddNeighbours(map, options, &list);
+  return list.ids();
 }
 
 template <class MapView>
 LocalMap LocalMapOfKeyframes(const MapView& map, std::span<const KeyframeId> keyframes,
                              const LocalMapOptions& options) {
-  KeyframeList list(options.max_keyframes);
-  for (const KeyframeId id : keyframes) {
-    if (FindKeyframe(map, id) != nullptr) list.Add(id);
-  }
-  return Complete(map, options, std::move(list));
+  return Complete(map, options, Given(map, keyframes, options));
+}
+
+template <class MapView>
+std::vector<KeyframeId> LocalKeyframesAround(const MapView& map, std::span<const KeyframeId> keyframes,
+                                             const LocalMapOptions& options) {
+  KeyframeList list = Given(map, keyframes, options);
+  AddNeighbours(map, options, &list);
+  return list.ids();
 }
 
 template <class MapView>
@@ -143,6 +170,10 @@ DescriptorLists ObservedDescriptors(const MapView& map, std::span<const map::Map
 
 template LocalMap LocalMapOfPoints(const map::Snapshot&, std::span<const PointId>, const LocalMapOptions&);
 template LocalMap LocalMapOfPoints(const map::Edit&, std::span<const PointId>, const LocalMapOptions&);
+template std::vector<KeyframeId> LocalKeyframesOfPoints(const map::Snapshot&, std::span<const PointId>,
+                                                        const LocalMapOptions&);
+template std::vector<KeyframeId> LocalKeyframesAround(const map::Snapshot&, std::span<const KeyframeId>,
+                                                      const LocalMapOptions&);
 template LocalMap LocalMapOfKeyframes(const map::Snapshot&, std::span<const KeyframeId>, const LocalMapOptions&);
 template LocalMap LocalMapOfKeyframes(const map::Edit&, std::span<const KeyframeId>, const LocalMapOptions&);
 template DescriptorLists ObservedDescriptors(const map::Snapshot&, std::span<const map::MapPoint* const>, int);

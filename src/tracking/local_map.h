@@ -36,7 +36,15 @@ struct LocalMap {
 template <class MapView>
 LocalMap LocalMapOfPoints(const MapView& map, std::span<const PointId> seen, const LocalMapOptions& options = {});
 
-// Around given keyframes, which come first in the order given.
+// LocalMap::keyframes of LocalMapOfPoints(), for who needs no points.
+template <class MapView>
+std::vector<KeyframeId> LocalKeyframesOfPoints(const MapView& map, std::span<const PointId> seen,
+                                               const LocalMapOptions& options = {});
+
+// Around given keyframes, which come first in the order given; and the keyframes alone.
+template <class MapView>
+std::vector<KeyframeId> LocalKeyframesAround(const MapView& map, std::span<const KeyframeId> keyframes,
+                                             const LocalMapOptions& options = {});
 template <class MapView>
 LocalMap LocalMapOfKeyframes(const MapView& map, std::span<const KeyframeId> keyframes,
                              const LocalMapOptions& options = {});

@@ -12,35 +12,40 @@
 #include "optimization/pose_refinement.h"
 #include "tracking/graph_distance.h"
 #include "tracking/local_map.h"
+#include "tracking/point_uncertainty.h"
 
 namespace cairn::tracking {
 namespace {
 
 constexpr std::size_t kMaxNearby = 20;
 
-std::vector<const map::MapPoint*> LocalPoints(const map::Snapshot& map, std::span<const PointId> seen,
-                                              KeyframeId anchor, std::span<const KeyframeId> nearby,
-                                              const LocalMapTrackerOptions& options) {
+// What the first round needs of the points seen before, to be enough by itself: so many of them, and this share of them
+// found again.
+constexpr std::size_t kEnoughSeen = 100;
+constexpr double kEnoughFound = 0.5;
+
+constexpr double kMaxProjectedSigmaPx = 50.0;
+
+using PointList = std::span<const map::MapPoint* const>;
+
+PointList LocalPoints(const map::Snapshot& map, std::span<const PointId> seen, KeyframeId anchor,
+                      std::span<const KeyframeId> nearby, const LocalMapTrackerOptions& options,
+                      LocalPointCache* cache) {
   LocalMapOptions local_options;
   local_options.max_keyframes = options.max_keyframes;
   std::vector<KeyframeId> keyframes;
   std::unordered_set<KeyframeId> known;
   const auto add = [&](KeyframeId id) {
-    if (id && known.insert(id).second) keyframes.push_back(id);
+    if (id && map.keyframes().Contains(id) && known.insert(id).second) keyframes.push_back(id);
   };
   add(anchor);
   for (const KeyframeId id : nearby) add(id);
-  if (!seen.empty()) {
-    for (const KeyframeId id : LocalMapOfPoints(map, seen, local_options).keyframes) add(id);
-  }
-  local_options.max_keyframes = static_cast<int>(std::max<std::size_t>(1, keyframes.size()));
   if (seen.empty()) {
-    local_options.max_keyframes = options.max_keyframes;
+    keyframes = LocalKeyframesAround(map, keyframes, local_options);
   } else {
-    local_options.neighbours_per_keyframe = 0;
-    local_options.tree_neighbours = false;
+    for (const KeyframeId id : LocalKeyframesOfPoints(map, seen, local_options)) add(id);
   }
-  return LocalMapOfKeyframes(map, keyframes, local_options).points;
+  return cache->PointsOf(map, keyframes);
 }
 
 struct Round {
@@ -53,9 +58,11 @@ struct Round {
   int matches = 0;
 };
 
-Round MatchAndRefine(const FeatureView& view, const SE3& seed, std::span<const map::MapPoint* const> points,
-                     const image::OrbParameters& orb, const ProjectionOptions& projection,
-                     const optimization::PoseRefinementOptions& refinement) {
+Round MatchAndRefine(const map::Snapshot& map, const FeatureView& view, const SE3& seed, PointList points,
+                     const ProjectionOptions& projection, const optimization::PoseRefinementOptions& refinement,
+                     bool weigh_points) {
+  const image::OrbParameters& orb = map.info().orb;
+  const Vector3d centre = seed.Inverse().translation();
   Round round;
   ProjectionMatches matched = MatchByProjection(view, seed, points, orb, projection);
   round.matches = static_cast<int>(matched.matches.size());
@@ -64,8 +71,12 @@ Round MatchAndRefine(const FeatureView& view, const SE3& seed, std::span<const m
   observations.reserve(matched.matches.size());
   for (const PointMatch& match : matched.matches) {
     const image::Keypoint& keypoint = view.features.keypoints[match.feature];
-    observations.push_back(
-        {points[match.point]->position, Vector2d(keypoint.x_px, keypoint.y_px), orb.Scale(keypoint.octave)});
+    const map::MapPoint& point = *points[match.point];
+    double sigma_px = orb.Scale(keypoint.octave);
+    if (weigh_points) {
+      sigma_px = std::hypot(sigma_px, ProjectedSigma(map, point, centre, view.pinhole.fx_px, kMaxProjectedSigmaPx));
+    }
+    observations.push_back({point.position, Vector2d(keypoint.x_px, keypoint.y_px), sigma_px});
   }
   const auto refined = optimization::RefinePose(view.pinhole, seed, observations, refinement);
   if (!refined.ok()) return round;
@@ -79,14 +90,22 @@ Round MatchAndRefine(const FeatureView& view, const SE3& seed, std::span<const m
   return round;
 }
 
-double MedianDepth(const SE3& camera_from_map, std::span<const map::MapPoint* const> points,
-                   std::span<const PointMatch> inliers) {
+std::vector<const map::MapPoint*> Existing(const map::Snapshot& map, std::span<const PointId> ids) {
+  std::vector<const map::MapPoint*> points;
+  points.reserve(ids.size());
+  for (const PointId id : ids) {
+    if (const map::MapPoint* point = map.points().Find(id)) points.push_back(point);
+  }
+  return points;
+}
+
+double MedianDepth(const SE3& camera_from_map, PointList points, std::span<const PointMatch> inliers) {
   std::vector<double> depths;
   for (const auto& match : inliers) depths.push_back((camera_from_map * points[match.point]->position).z());
   return Median(std::move(depths));
 }
 
-KeyframeId MostSharing(std::span<const map::MapPoint* const> points, std::span<const PointMatch> inliers) {
+KeyframeId MostSharing(PointList points, std::span<const PointMatch> inliers) {
   std::unordered_map<KeyframeId, int> count;
   for (const auto& match : inliers) {
     for (const map::Observation& observation : points[match.point]->observations) ++count[observation.keyframe];
@@ -147,7 +166,6 @@ TrackedView TrackLocalMap(const map::Snapshot& map, const FeatureView& view, con
   TrackedView result;
   result.camera_from_map = seed.camera_from_map;
   result.points.assign(view.features.size(), PointId());
-  const image::OrbParameters& orb = map.info().orb;
   optimization::PoseRefinementOptions refinement;
   if (seed.translation_sigma > 0.0 && seed.rotation_sigma_rad > 0.0) {
     refinement.prior = {seed.camera_from_map, seed.translation_sigma, seed.rotation_sigma_rad};
@@ -157,12 +175,27 @@ TrackedView TrackLocalMap(const map::Snapshot& map, const FeatureView& view, con
   for (const auto& [id, length] : KeyframesWithin(map, start.anchor, options.neighbour_way * start.median_depth)) {
     reachable.push_back(id);
   }
+  LocalPointCache own;
+  const auto local_points = [&](const SE3& pose, std::span<const PointId> shared) {
+    result.nearby = NearbyKeyframes(map, reachable, pose, reach, options.neighbour_angle_deg, kMaxNearby);
+    if (start.cache == nullptr) own = {};  // exactly the points that are asked for
+    return LocalPoints(map, shared, start.anchor, result.nearby, options, start.cache != nullptr ? start.cache : &own);
+  };
 
   ProjectionOptions projection;
   projection.radius_factor = start.radius_factor * options.search_radius_px / kObliqueRadiusPx;
-  result.nearby = NearbyKeyframes(map, reachable, seed.camera_from_map, reach, options.neighbour_angle_deg, kMaxNearby);
-  auto points = LocalPoints(map, start.seen, start.anchor, result.nearby, options);
-  Round round = MatchAndRefine(view, seed.camera_from_map, points, orb, projection, refinement);
+  const std::vector<const map::MapPoint*> seen =
+      start.seen_first ? Existing(map, start.seen) : std::vector<const map::MapPoint*>();
+  PointList points = seen;
+  const auto refine = [&](const SE3& from) {
+    return MatchAndRefine(map, view, from, points, projection, refinement, options.weigh_points);
+  };
+  Round round;
+  if (seen.size() >= kEnoughSeen) round = refine(seed.camera_from_map);
+  if (!round.ok || static_cast<double>(round.inliers.size()) < kEnoughFound * static_cast<double>(seen.size())) {
+    points = local_points(seed.camera_from_map, start.seen);
+    round = refine(seed.camera_from_map);
+  }
   result.matches = round.matches;
   if (!round.ok || static_cast<int>(round.inliers.size()) < options.min_inliers / 2) return result;
 
@@ -170,9 +203,8 @@ TrackedView TrackLocalMap(const map::Snapshot& map, const FeatureView& view, con
   for (const auto& match : round.inliers) agreed.push_back(points[match.point]->id);
   projection.radius_factor = options.refined_search_radius_px / kObliqueRadiusPx;
   const SE3 first = round.camera_from_map;
-  result.nearby = NearbyKeyframes(map, reachable, first, reach, options.neighbour_angle_deg, kMaxNearby);
-  points = LocalPoints(map, agreed, start.anchor, result.nearby, options);
-  round = MatchAndRefine(view, first, points, orb, projection, refinement);
+  points = local_points(first, agreed);
+  round = refine(first);
   result.matches = round.matches;
   result.inliers = static_cast<int>(round.inliers.size());
   if (!round.ok || result.inliers < options.min_inliers) return result;

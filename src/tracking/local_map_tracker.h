@@ -12,6 +12,7 @@
 
 #include "base/status.h"
 #include "map/snapshot.h"
+#include "tracking/local_point_cache.h"
 #include "tracking/projection_matcher.h"
 
 namespace cairn::tracking {
@@ -27,6 +28,8 @@ struct LocalMapTrackerOptions {
   // ... if the way to them along the map's graph is not longer than this, in median scene depths: over a longer one
   // drift shows, and they are left to loop closing.
   double neighbour_way = 5.0;
+  // Matches count by how well the map knows their points, too, as seen from the camera (tracking/point_uncertainty.h).
+  bool weigh_points = false;
 
   absl::Status Validate() const;
 };
@@ -46,6 +49,10 @@ struct LocalMapStart {
   KeyframeId anchor;              // to look around in any case; may be none
   double median_depth = 0.0;      // of the scene there, map units
   double radius_factor = 1.0;     // widens the first round (after a loss)
+  // The first round looks for `seen` alone if most of them are found: enough, and several times as fast, where the
+  // image before was matched and shows nearly the same.
+  bool seen_first = false;
+  LocalPointCache* cache = nullptr;  // of this map, kept from image to image; may be null
 };
 
 struct TrackedView {

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "tracking/graph_distance.h"
+#include "tracking/point_uncertainty.h"
 #include "tracking/testing_world.h"
 
 namespace cairn::tracking {
@@ -74,6 +75,95 @@ TEST_F(LocalMapTrackerInRoom, FindsThePoseFromARoughOne) {
     EXPECT_GT(observed, 100);
     EXPECT_LE(wrong, observed / 50);
   }
+}
+
+// From image to image: the points seen before first, and those around kept.
+TEST_F(LocalMapTrackerInRoom, AlongAPathFindsTheSameAsAlone) {
+  LocalPointCache cache;
+  std::vector<PointId> seen;
+  for (int i = 0; i < 8; ++i) {
+    const SE3 truth = Look({0.3 + 0.02 * i, 0.0, -1.8}, 0.1 + 0.01 * i);
+    const Query query(world_, truth, *map_, random_);
+    const SE3 seed = SE3(ExpSO3(Vector3d(0.002, -0.002, 0.002)), Vector3d(0.01, 0.0, 0.01)) * truth;
+    LocalMapStart start{.seed = {seed}, .seen = {}, .anchor = KeyframeId(5), .median_depth = kDepth};
+    const TrackedView alone = query.Track(start);
+    start.seen = seen;
+    start.seen_first = true;
+    start.cache = &cache;
+    const TrackedView found = query.Track(start);
+    ASSERT_TRUE(found.tracked);
+    EXPECT_LT(CenterError(found.camera_from_map, alone.camera_from_map), 0.003);
+    EXPECT_GE(found.inliers, alone.inliers - 5);
+    seen.clear();
+    for (const PointId id : found.points) {
+      if (id) seen.push_back(id);
+    }
+    ASSERT_GE(seen.size(), 100u);
+  }
+}
+
+// What was seen before is somewhere else: the local map is searched as ever.
+TEST_F(LocalMapTrackerInRoom, PointsSeenBeforeThatAreNotThereDoNotMatter) {
+  const Query query(world_, truth_, *map_, random_);
+  std::vector<PointId> seen;
+  map_->points().ForEach([&](const auto& point) {
+    const Vector3d there = truth_ * point->position;
+    const bool in_view = there.z() > 0.0 && kPinhole.Contains(kPinhole.Project(there));
+    if (!in_view && seen.size() < 300) seen.push_back(point->id);
+  });
+  ASSERT_GE(seen.size(), 100u);
+  LocalMapStart start{.seed = {truth_}, .seen = seen, .anchor = KeyframeId(5), .median_depth = kDepth};
+  start.seen_first = true;
+  const TrackedView found = query.Track(start);
+  EXPECT_TRUE(found.tracked);
+  EXPECT_LT(CenterError(found.camera_from_map, truth_), 0.01);
+}
+
+std::vector<KeyframeId> Keyframes(std::uint32_t first, std::uint32_t last) {
+  std::vector<KeyframeId> ids;
+  for (std::uint32_t id = first; id <= last; ++id) ids.push_back(KeyframeId(id));
+  return ids;
+}
+
+TEST(LocalPointCache, HoldsWhatIsAskedForAndNotMuchMore) {
+  Random random(5);
+  World world;
+  AddRoom(Vector3d::Zero(), 1000, random, &world);
+  const auto map = BuildMap(world, PathInRoom(Vector3d::Zero(), 12), *TrainVocabulary(world), {}, random);
+  const auto ids_of = [](std::span<const map::MapPoint* const> points) {
+    std::vector<PointId> ids;
+    for (const map::MapPoint* point : points) ids.push_back(point->id);
+    return ids;
+  };
+  LocalPointCache cache;
+  for (std::uint32_t first = 1; first <= 9; ++first) {
+    const std::vector<KeyframeId> wanted = {KeyframeId(first + 2), KeyframeId(first), KeyframeId(first + 3)};
+    const std::vector<PointId> given = ids_of(cache.PointsOf(*map, wanted));
+    EXPECT_TRUE(std::is_sorted(given.begin(), given.end()));
+    LocalPointCache fresh;
+    const std::vector<PointId> needed = ids_of(fresh.PointsOf(*map, wanted));
+    EXPECT_TRUE(std::includes(given.begin(), given.end(), needed.begin(), needed.end()));
+    // Of a room that most keyframes see most of: one more keyframe at most.
+    EXPECT_LE(given.size(), ids_of(fresh.PointsOf(*map, Keyframes(first > 1 ? first - 1 : first, first + 3))).size());
+  }
+}
+
+TEST_F(LocalMapTrackerInRoom, APointSeenFromOneSideIsUnsureFromAside) {
+  const map::MapPoint* point = nullptr;
+  map_->points().ForEach([&](const auto& p) {
+    if (point == nullptr && p->observations.size() >= 4) point = p.get();
+  });
+  ASSERT_NE(point, nullptr);
+  const Vector3d from = point->position - 3.0 * point->mean_view_direction.cast<double>();
+  const Vector3d aside = point->mean_view_direction.cast<double>().unitOrthogonal();
+  const double front = ProjectedSigma(*map_, *point, from, 500.0, 50.0);
+  const double side = ProjectedSigma(*map_, *point, point->position + 3.0 * aside, 500.0, 50.0);
+  EXPECT_GT(front, 0.0);
+  EXPECT_GT(side, 2.0 * front);
+  EXPECT_LE(side, 50.0);
+  map::MapPoint once = *point;
+  once.observations.resize(1);
+  EXPECT_EQ(ProjectedSigma(*map_, once, point->position + 3.0 * aside, 500.0, 50.0), 50.0) << "its depth is not known";
 }
 
 TEST_F(LocalMapTrackerInRoom, ASureSeedOutweighsFewMatches) {

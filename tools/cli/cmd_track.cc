@@ -128,8 +128,9 @@ struct Summary {
   }
 };
 
-absl::StatusOr<client::LocalTrackerOptions> TrackerOptions(const TrackOptions& options) {
+client::LocalTrackerOptions TrackerOptions(const TrackOptions& options, const io::SourceInfo& info) {
   client::LocalTrackerOptions tracker;
+  tracker.photometric = info.photometric;
   tracker.mode = options.mode == "features" ? client::TrackMode::kFeatures : client::TrackMode::kSemiDirect;
   tracker.deterministic = options.deterministic;
   tracker.wait_for_matches = options.realtime_speed == 0.0;
@@ -197,7 +198,7 @@ absl::Status TrackAll(const TrackOptions& options, io::FrameSource& source, clie
   while (!stop) {
     CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, paced.Next(&summary->dropped));
     if (!frame) break;
-    const absl::StatusOr<api::TrackAnswer> answer = tracker.Track({frame->gray, frame->time_ns});
+    const absl::StatusOr<api::TrackAnswer> answer = tracker.Track({frame->gray, frame->time_ns, frame->exposure_s});
     if (absl::IsInvalidArgument(answer.status())) {
       if (summary->refused++ == 0) skipped->Add(frame->path, answer.status());
       continue;
@@ -294,9 +295,9 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input, "track"));
-  CAIRN_ASSIGN_OR_RETURN(const client::LocalTrackerOptions tracker_options, TrackerOptions(options));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::LocalTracker> tracker,
-                         client::LocalTracker::Open(options.map, source->info().camera, tracker_options));
+  CAIRN_ASSIGN_OR_RETURN(
+      const std::unique_ptr<client::LocalTracker> tracker,
+      client::LocalTracker::Open(options.map, source->info().camera, TrackerOptions(options, source->info())));
   SkippedFrames skipped("track", options.json);
   Summary summary;
   summary.together = TogetherInOneFrame(tracker->snapshot());
