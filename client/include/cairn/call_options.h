@@ -25,8 +25,11 @@ class Cancellation {
   std::atomic<bool> cancelled_{false};
 };
 
-/// A call looks at both before it begins and between steps of its work: over a map file in this process it may return
-/// some tens of milliseconds late, when a map is opened, as late as loading it takes. An answer that is ready is
+/// A call looks at both before it begins and between steps of its work, and ends no step early. Over a map file in this
+/// process: Map::Open looks before and after loading, NewTracker before and after making it, Map::Refresh before,
+/// Localize before the image is converted and before it is looked for, which takes some tens of milliseconds. Track
+/// looks before the image is followed and, where the camera is lost, before each of the steps of looking for it: then
+/// the answer is kLost, with the time as its reason, as the image has been worked on. An answer that is ready is
 /// returned, late or not. After kDeadlineExceeded or kCancelled nothing has changed.
 struct CallOptions {
   /// The call ends with kDeadlineExceeded after this. Never by default.
