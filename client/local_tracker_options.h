@@ -29,8 +29,8 @@ struct LocalTrackerOptions {
   // A frame without a pose is looked for in the whole map where Track() is called, which takes as long as a
   // relocalization (and a miss longer). False: beside it; the answer reaches a later frame, and no call takes long.
   bool relocalize_in_call = true;
-  // For recordings that are read faster than they were made: a call in which a frame is due to be matched waits for the
-  // match before it, so that as many are matched as of a live camera.
+  // For recordings that are read faster than they were made: a call waits for the match of the frame before, if there
+  // is one, so that as many are matched as of a live camera, and their answers come as soon.
   bool wait_for_matches = false;
   double match_interval_s = 0.2;     // between frames that are matched against the map, by their times
   double max_match_age_s = 1.0;      // a pose that was carried on for longer counts as carried, not as tracked

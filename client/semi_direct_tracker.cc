@@ -107,8 +107,7 @@ class SemiDirectTracker : public FrameTracker {
 
 absl::StatusOr<TrackStep> SemiDirectTracker::Track(const direct::Frame& frame) {
   const LocalTrackerOptions& options = context_.options;
-  const bool due = ToSeconds(frame.time_ns - given_ns_) >= options.match_interval_s || !Confirmed();
-  if (options.wait_for_matches && due) context_.watch->Wait();
+  if (options.wait_for_matches) context_.watch->Wait();
   CAIRN_RETURN_IF_ERROR(TakeMessage());
   // It tells the odometry nothing, and would cost it, and a relocalization, as much as a place that is not known.
   if (IsBlank(frame.image)) return Lost(frame, "the image is blank", false);

@@ -131,6 +131,24 @@ CHECKS += [
         ('  poses worse than 0.2 m / 10 deg', '', '<=', 0, '', lambda w, mode=mode: w.kitchen_blinded(*mode)['wrong']))],
 ]
 
+CHECKS += [
+    ('a tracker in a map of 1000 keyframes: peak memory of the process', 'MB', '<=', 150, '', lambda w: w.large()['peak_mb']),
+    ('  the same in the map of the kitchen alone', 'MB', '<=', None, '', lambda w: w.large()['small_mb']),
+    ('  frames with a pose', '%', '>=', 100, '', lambda w: 100 * w.large()['posed']),
+    ('tracked live while a session extends the map: longest call in which a new revision came', 'ms', '<=', 10, '',
+     lambda w: w.growing()['refreshed_ms']),
+    ('  longest call of all after the one that found it', 'ms', '<=', None, '', lambda w: w.growing()['max_ms']),
+    ('  revisions followed', '', '>=', 5, '', lambda w: w.growing()['revisions']),
+    ('  frames with a pose', '%', '>=', 99, '', lambda w: 100 * w.growing()['posed']),
+    ('a map on a read-only mount: frames tracked with a pose', '%', '>=', 100, '', lambda w: 100 * w.read_only()['posed']),
+    ('  map digest as before', '', '>=', 1, '', lambda w: w.read_only()['same']),
+    ('  files beside it', '', '<=', 1, '', lambda w: w.read_only()['files']),
+    *[check for width, name in ((320, '320x240'), (1280, '1280x960')) for check in (
+        (f'redkitchen t >= 20 s tracked at {name}: share with a pose behind full size', '% points', '<=', 5, '',
+         lambda w, width=width: 100 * w.sized(width)['behind']),
+        ('  median error aligned by the map', 'm', '<=', None, '', lambda w, width=width: w.sized(width)['here_median']))],
+]
+
 # The same for rendered worlds, over --seeds.
 WORLD_CHECKS = [
     *[check for kind, name in (('office', 'rendered rooms'), ('plain', 'rendered rooms with 30 % blank walls'),
@@ -175,6 +193,14 @@ WORLD_CHECKS = [
     ('  normalized error squared of positions, over its degrees of freedom', '', '<=', 2, '',
      lambda w: w.office_tracked()['nees']),
     ('  of orientations', '', '<=', 2, '', lambda w: w.office_tracked()['nees_rotation']),
+    ('out of the mapped part of a rendered room for 5 s and back: largest step at the return', 'm', '<=', 0.02, '',
+     lambda w: w.leaving()['jump']),
+    ('  carried for, shortest', 's', '>=', 5, '', lambda w: w.leaving()['seconds']),
+    ('  error there as a share of the way, worst seed', '%', '<=', 1, '', lambda w: 100 * w.leaving()['share']),
+    ('  median seed', '%', '<=', None, '', lambda w: 100 * w.leaving()['median_share']),
+    ('  frames with a pose, worst seed', '%', '>=', 100, '', lambda w: 100 * w.leaving()['posed']),
+    ('  normalized error squared of carried positions, over its degrees of freedom', '', '<=', 2, '',
+     lambda w: w.leaving()['nees']),
     ('two corridors that look alike: no false loop', '% seeds', '>=', 100, '',
      lambda w: 100 * w.loops('aliasing')['without_false']),
     ('  ATE, worst seed', 'm', '<=', None, '', lambda w: w.loops('aliasing')['worst']),

@@ -27,8 +27,8 @@ struct TrackerOptions {
   /// An image without a pose is looked for in the whole map before Track() returns, which takes as long as a Localizer.
   /// False: beside the calls, none of which then takes long; what is found reaches a later image.
   bool relocalize_in_call = true;
-  /// For recordings that are read faster than they were made: an image that is due to be matched against the map waits
-  /// for the match before it, so that as many are matched as of a live camera.
+  /// For recordings that are read faster than they were made: a call waits for the match of the image before, if there
+  /// is one, so that as many are matched as of a live camera, and their answers come as soon.
   bool wait_for_matches = false;
 };
 

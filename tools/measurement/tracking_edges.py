@@ -1,0 +1,165 @@
+"""Following a camera where it is hardest: out of the mapped area and back, in a map that grows, in a large one, on a medium that
+cannot be written, and with images of other sizes."""
+import os
+import shutil
+import statistics
+import subprocess
+import tempfile
+
+import numpy as np
+from PIL import Image
+
+from .tracking import FROM_S, KITCHEN, REFERENCE, errors, read_states
+from .trajectories import read_poses
+from .work import DATA, ROOT, Failed, Skipped, cairn, rendered, start
+
+MAPPED_S = 5.0
+LARGE = 1000  # keyframes
+GROWING_S = 12.0  # of redkitchen, while the rest of it is added
+
+
+def longest_run(states, name):
+    """Of a list of states: first and last of the longest run of one."""
+    best, begin = None, None
+    for i, state in enumerate([*states, None]):
+        if state == name and begin is None:
+            begin = i
+        elif state != name and begin is not None:
+            best = max(best or (0, -1), (begin, i - 1), key=lambda run: run[1] - run[0])
+            begin = None
+    return best
+
+
+def resized(folder, width):
+    """The query images of redkitchen at another width, and their camera."""
+    source = DATA / 'redkitchen'
+    (folder / 'rgb').mkdir(parents=True)
+    lines = []
+    for line in open(source / 'rgb.txt'):
+        if line.startswith('#') or not line.strip() or float(line.split()[0]) < FROM_S:
+            continue
+        name = line.split()[1]
+        image = Image.open(source / name).convert('L')
+        image.resize((width, width * 3 // 4), Image.BICUBIC if width > 640 else Image.BOX).save(folder / name, quality=98)
+        lines.append(line)
+    (folder / 'rgb.txt').write_text(''.join(lines))
+    # Pixel centres are at integer coordinates.
+    zoom = width / 640
+    focal, centre = 525 * zoom, [(c + 0.5) * zoom - 0.5 for c in (320, 240)]
+    (folder / 'camera.yaml').write_text(f'model: pinhole\nresolution_px: [{width}, {width * 3 // 4}]\n'
+                                        f'intrinsics_px: [{focal}, {focal}, {centre[0]}, {centre[1]}]\ndistortion: []\nrate_hz: 30\n')
+    return folder
+
+
+class TrackingEdges:
+    def leaving(self):
+        """A rendered room of which the first third of a round is mapped, and one and a half rounds are followed."""
+        def one(seed):
+            visit = rendered(self.worlds / f'leaving_{seed}', 'office', '--seed', seed, '--laps', 1.5, '--image-size', 480, 360,
+                             '--focal', 315)
+            truth = visit / 'groundtruth_cam0.txt'
+            map_file = self.path(f'leaving_{seed}.cairn')
+            cairn('run', visit, *self.mode, '--until', MAPPED_S, '--map', map_file, '--overwrite')
+            cairn('align', map_file, '--groundtruth', truth)
+            answer, rows = self.track(f'leaving_{seed}', visit, map_file, truth)
+            estimate, true = read_poses(self.path(f'leaving_{seed}.txt')), read_poses(truth)
+            times = np.array([time for time, _ in true])
+            places = np.array([true[int(np.abs(times - time).argmin())][1][:3, 3] for time, _ in estimate])
+            off = np.array([pose[:3, 3] for _, pose in estimate]) - places
+            away = longest_run([row[0] for row in rows], 'carried')
+            if not away or away[1] + 1 >= len(estimate):
+                raise Failed(f'seed {seed}: never carried, or never back')
+            first, last = away
+            seconds = estimate[last][0] - estimate[first][0]
+            way = float(np.linalg.norm(np.diff(places[first:last + 1], axis=0), axis=1).sum())
+            steps = np.linalg.norm(np.diff(off, axis=0), axis=1)
+            result = {'seconds': seconds, 'jump': float(steps[last:last + 20].max()),
+                      'share': float(np.linalg.norm(off[last])) / way, 'posed': answer['with_pose_share'],
+                      'nees': statistics.mean(row[3] for row in rows[first:last + 1]) / 3}
+            print(f'        seed {seed}: carried for {seconds:.1f} s and {way:.1f} m, {100 * result["share"]:.2f} % off at the end, '
+                  f'greatest step at the return {result["jump"]:.4f} m, normalized error {result["nees"]:.2f}', flush=True)
+            return result
+
+        def all_seeds():
+            results = [one(seed) for seed in range(1, self.seeds + 1)]
+            return {'seconds': min(r['seconds'] for r in results), 'jump': max(r['jump'] for r in results),
+                    'share': max(r['share'] for r in results), 'median_share': statistics.median(r['share'] for r in results),
+                    'posed': min(r['posed'] for r in results), 'nees': statistics.mean(r['nees'] for r in results)}
+        return self.once('leaving', all_seeds)
+
+    def large(self):
+        """The kitchen's map among copies of it that look otherwise: memory of `cairn track` as a whole."""
+        def one():
+            program = ROOT / 'build' / 'release' / 'bin' / 'repeat_map'
+            if not program.exists():
+                raise Skipped(f'{program} is not built')
+            small, large = self.kitchen_map(0), self.path('large.cairn')
+            keyframes = cairn('info', small)['keyframes']
+            if not large.exists():
+                subprocess.run([program, small, str(-(-LARGE // keyframes) - 1), large], check=True)
+            answer, _ = self.track('large', DATA / 'redkitchen', large, REFERENCE, *KITCHEN, '--from', FROM_S)
+            alone, _ = self.track('small', DATA / 'redkitchen', small, REFERENCE, *KITCHEN, '--from', FROM_S)
+            return {'peak_mb': answer['peak_mb'], 'small_mb': alone['peak_mb'], 'posed': answer['with_pose_share'],
+                    'keyframes': cairn('info', large)['keyframes'], 'same': float(answer['same'])}
+        return self.once('large map', one)
+
+    def growing(self):
+        """As a live camera, while a session adds the rest of the sequence in another process, live as well."""
+        def one():
+            map_file = self.path('growing.cairn')
+            cairn('run', DATA / 'redkitchen', *KITCHEN, *self.mode, '--until', GROWING_S, '--map', map_file, '--overwrite')
+            before = cairn('info', map_file)['revision']
+            session = start('run', DATA / 'redkitchen', *KITCHEN, '--from', GROWING_S, '--realtime', '--map', map_file, '--extend')
+            states = self.path('growing_states.txt')
+            try:
+                cairn('track', DATA / 'redkitchen', *KITCHEN, '--from', GROWING_S, '--realtime', '--map', map_file, '--states', states,
+                      '--overwrite')
+            finally:
+                session.wait()
+            rows = [line.split(' ', 8) for line in open(states) if not line.startswith('#')]
+            found = next(i for i, row in enumerate(rows) if row[1] != 'lost')
+            calls = [float(row[7]) for row in rows[found + 1:]]
+            revisions = [int(row[6]) for row in rows]
+            refreshed = [float(b[7]) for a, b in zip(rows, rows[1:]) if a[6] != b[6]]
+            return {'revisions': float(revisions[-1] - before), 'max_ms': max(calls),
+                    'refreshed_ms': max(refreshed, default=float('nan')), 'posed': sum(row[1] != 'lost' for row in rows) / len(rows)}
+        return self.once('growing', one)
+
+    def read_only(self):
+        """On a medium that is mounted read-only."""
+        def one():
+            source = self.kitchen_map(0)
+            folder = tempfile.mkdtemp(prefix='cairn-read-only-')
+            shutil.copy(source, folder)
+            for command in (['mount', '--bind', folder, folder], ['mount', '-o', 'remount,ro,bind', folder]):
+                done = subprocess.run(command, capture_output=True, text=True)
+                if done.returncode != 0:
+                    subprocess.run(['umount', folder], capture_output=True)
+                    shutil.rmtree(folder, ignore_errors=True)
+                    raise Skipped(f'no read-only mount: {done.stderr.strip()}')
+            try:
+                map_file = os.path.join(folder, os.path.basename(source))
+                if os.access(folder, os.W_OK):
+                    raise Failed(f'{folder} can be written')
+                answer, _ = self.track('read_only', DATA / 'redkitchen', map_file, REFERENCE, *KITCHEN, '--from', FROM_S)
+                return {'posed': answer['with_pose_share'], 'same': float(answer['same']), 'files': float(len(os.listdir(folder)))}
+            finally:
+                subprocess.run(['umount', folder], check=True)
+                shutil.rmtree(folder)
+        return self.once('read-only', one)
+
+    def sized(self, width):
+        def one():
+            folder = self.path(f'width_{width}')
+            if not folder.exists():
+                resized(folder, width)
+            result = {}
+            for name, sequence, camera in (('here', folder, folder / 'camera.yaml'), ('full', DATA / 'redkitchen', KITCHEN[1])):
+                poses, states = self.path(f'width_{width}_{name}.txt'), self.path(f'width_{width}_{name}_states.txt')
+                answer = cairn('track', sequence, '--camera', camera, '--map', self.kitchen_map(0), '--out', poses, '--states', states,
+                               '--overwrite', '--from', 0 if name == 'here' else FROM_S)
+                rows = errors(poses, REFERENCE, read_states(states))
+                result[name] = answer['with_pose_share'] if rows else 0.0
+                result[f'{name}_median'] = statistics.median(row[1] for row in rows)
+            return {**result, 'behind': result['full'] - result['here']}
+        return self.once(f'width {width}', one)
