@@ -8,11 +8,13 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "api/map_service.h"
 #include "client/conformance/conformance_map.h"
@@ -133,6 +135,161 @@ TEST_P(MapServiceConformance, MapsComeGoAndAreReplaced) {
     ASSERT_TRUE(answer.ok()) << answer.status();
     EXPECT_TRUE(answer->localized) << answer->reason;
   }
+}
+
+// A walk along the wall, in steps that the odometry can follow.
+inline SE3 SessionWalk(int frame) {
+  const double t = 0.035 * frame;
+  return LookInRoom({-0.8 + 0.8 * (1.0 - std::cos(t)), 0.1 * std::sin(2.0 * t), -1.4}, 0.2 * std::sin(1.3 * t));
+}
+
+class MapSessionConformance : public MapServiceConformance {
+ protected:
+  static constexpr TimeNs kFrameNs = 33'333'333;
+
+  static api::SessionRequest Request(const std::string& map, map::SessionPolicy policy) {
+    api::SessionRequest request;
+    request.map = map;
+    request.policy = policy;
+    request.camera = Camera::FromPinhole(TheConformanceMap().pinhole);
+    request.source = "walk";
+    request.first_ns = kFrameNs;
+    return request;
+  }
+  static api::SessionFrame FrameOf(int frame) {
+    const ConformanceMap& map = TheConformanceMap();
+    return {map.room.Render(map.pinhole, SessionWalk(frame)), (frame + 1) * kFrameNs};
+  }
+  // The answers to frames `from` to `until`.
+  static std::vector<api::SessionAnswer> Walk(api::MapSession& session, int from, int until) {
+    std::vector<api::SessionAnswer> answers;
+    for (int i = from; i < until; ++i) {
+      const auto answer = session.AddFrame(FrameOf(i));
+      EXPECT_TRUE(answer.ok()) << answer.status();
+      if (!answer.ok()) break;
+      EXPECT_EQ(answer->time_ns, (i + 1) * kFrameNs);
+      EXPECT_EQ(answer->map_from_camera.has_value(), answer->reason.empty());
+      answers.push_back(*answer);
+    }
+    return answers;
+  }
+};
+
+TEST_P(MapSessionConformance, MakesAMapThatOthersUseAtOnce) {
+  auto session = service_->StartSession(Request("fresh", map::SessionPolicy::kCreate));
+  ASSERT_TRUE(session.ok()) << session.status();
+  EXPECT_FALSE((*session)->token().empty());
+  EXPECT_FALSE((*session)->last_answer());
+  EXPECT_EQ(service_->Localize("fresh", Query()).status().code(), absl::StatusCode::kNotFound)
+      << "it has no keyframe yet";
+  const std::vector<api::SessionAnswer> answers = Walk(**session, 0, 180);
+  ASSERT_EQ(answers.size(), 180u);
+  EXPECT_EQ(answers[0].state, api::SessionState::kInitializing);
+  EXPECT_TRUE(answers.back().map_from_camera) << answers.back().reason;
+  const api::SessionProgress progress = (*session)->progress();
+  EXPECT_GT(progress.revision, 0u);
+  EXPECT_GT(progress.keyframes, 0);
+  ASSERT_TRUE(progress.durable_ns);
+  EXPECT_GT(*progress.durable_ns, 0);
+  EXPECT_LE(*progress.durable_ns, answers.back().time_ns);
+  const auto described = service_->Describe("fresh");
+  ASSERT_TRUE(described.ok()) << described.status();
+  EXPECT_TRUE(described->summary.writing);
+  EXPECT_GE(described->summary.revision, progress.revision) << "what was told is durable";
+
+  const auto summary = (*session)->Finish();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_EQ(summary->frames, 180);
+  EXPECT_GT(summary->frames_tracked, 120);
+  EXPECT_EQ(summary->result, map::SessionResult::kCreated);
+  EXPECT_EQ(static_cast<std::int64_t>(summary->poses.size()), summary->frames_tracked);
+  EXPECT_EQ(summary->session, progress.session);
+  session->reset();
+  const auto after = service_->Describe("fresh");
+  ASSERT_TRUE(after.ok()) << after.status();
+  EXPECT_FALSE(after->summary.writing);
+  EXPECT_EQ(after->summary.revision, summary->revision);
+  EXPECT_EQ(after->summary.title, "walk");
+  ASSERT_EQ(after->sessions.size(), 1u);
+  EXPECT_TRUE(after->sessions[0].complete);
+  const auto answer = service_->Localize("fresh", Query());
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  EXPECT_TRUE(answer->localized) << answer->reason;
+}
+
+TEST_P(MapSessionConformance, ExtendsAMapAndIsFoundInIt) {
+  const Revision before = service_->Describe("room")->summary.revision;
+  auto session = service_->StartSession(Request("room", map::SessionPolicy::kExtend));
+  ASSERT_TRUE(session.ok()) << session.status();
+  Walk(**session, 0, 180);
+  ASSERT_TRUE((*session)->progress().located_ns);
+  EXPECT_EQ((*session)->progress().located_component, ComponentId(1));
+  const auto summary = (*session)->Finish();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  const auto described = service_->Describe("room");
+  ASSERT_TRUE(described.ok()) << described.status();
+  EXPECT_GT(described->summary.revision, before);
+  EXPECT_EQ(described->sessions.back().policy, map::SessionPolicy::kExtend);
+  EXPECT_EQ(described->sessions.back().id, summary->session);
+  EXPECT_TRUE(described->sessions.back().complete);
+}
+
+TEST_P(MapSessionConformance, GoesOnWhereItWasLetGo) {
+  auto session = service_->StartSession(Request("fresh", map::SessionPolicy::kCreate));
+  ASSERT_TRUE(session.ok()) << session.status();
+  const std::vector<api::SessionAnswer> first = Walk(**session, 0, 100);
+  const std::string token = (*session)->token();
+  const SessionId id = (*session)->progress().session;
+  EXPECT_EQ(service_->ResumeSession(token).status().code(), absl::StatusCode::kFailedPrecondition) << "it is held";
+  session->reset();
+  EXPECT_EQ(service_->ResumeSession("0123456789abcdef").status().code(), absl::StatusCode::kNotFound);
+  absl::StatusOr<std::unique_ptr<api::MapSession>> resumed = absl::UnknownError("not tried");
+  do {  // the server may take a moment to notice
+    resumed = service_->ResumeSession(token);
+  } while (absl::IsFailedPrecondition(resumed.status()));
+  ASSERT_TRUE(resumed.ok()) << resumed.status();
+  ASSERT_TRUE((*resumed)->last_answer());
+  EXPECT_EQ((*resumed)->last_answer()->time_ns, first.back().time_ns);
+  EXPECT_EQ((*resumed)->token(), token);
+  EXPECT_EQ((*resumed)->camera(), Camera::FromPinhole(TheConformanceMap().pinhole));
+  const std::vector<api::SessionAnswer> rest = Walk(**resumed, 100, 180);
+  EXPECT_TRUE(rest.back().map_from_camera) << rest.back().reason;
+  EXPECT_EQ((*resumed)->progress().session, id) << "the same session";
+  const auto summary = (*resumed)->Finish();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_EQ(summary->frames, 180);
+  EXPECT_EQ(service_->ResumeSession(token).status().code(), absl::StatusCode::kNotFound) << "it has ended";
+}
+
+TEST_P(MapSessionConformance, FramesThatCannotBeUsedAreSkipped) {
+  auto session = service_->StartSession(Request("fresh", map::SessionPolicy::kCreate));
+  ASSERT_TRUE(session.ok()) << session.status();
+  Walk(**session, 0, 3);
+  api::SessionFrame bad = FrameOf(3);
+  bad.time_ns = kFrameNs;
+  EXPECT_EQ((*session)->AddFrame(bad).status().code(), absl::StatusCode::kInvalidArgument) << "an older time";
+  bad = FrameOf(3);
+  bad.image = bad.image(cv::Rect(0, 0, 100, 100)).clone();
+  EXPECT_EQ((*session)->AddFrame(bad).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ((*session)->AddFrame({cv::Mat(), 4 * kFrameNs}).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(Walk(**session, 3, 6).size(), 3u);
+  const absl::Status nothing = (*session)->Finish().status();
+  EXPECT_EQ(nothing.code(), absl::StatusCode::kFailedPrecondition) << nothing;
+  EXPECT_THAT(std::string(nothing.message()), testing::HasSubstr("no map was made"));
+  EXPECT_EQ(service_->Describe("fresh").status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_P(MapSessionConformance, PoliciesAndCamerasThatDoNotFitAreRefused) {
+  const auto refused = [&](const api::SessionRequest& request) {
+    return service_->StartSession(request).status().code();
+  };
+  EXPECT_EQ(refused(Request("room", map::SessionPolicy::kCreate)), absl::StatusCode::kAlreadyExists);
+  EXPECT_EQ(refused(Request("fresh", map::SessionPolicy::kExtend)), absl::StatusCode::kNotFound);
+  EXPECT_EQ(refused(Request("../fresh", map::SessionPolicy::kCreate)), absl::StatusCode::kInvalidArgument);
+  api::SessionRequest bad = Request("fresh", map::SessionPolicy::kCreate);
+  bad.camera.fx_px = -1.0;
+  EXPECT_EQ(refused(bad), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(service_->List()->size(), 2u) << "nothing was left behind";
 }
 
 }  // namespace cairn::conformance

@@ -8,6 +8,7 @@
 #include "base/guarded.h"
 #include "client/query_image.h"
 #include "client/remote/channel.h"
+#include "client/remote/remote_session.h"
 #include "wire/convert.h"
 
 namespace cairn::client {
@@ -38,6 +39,7 @@ struct RemoteMapService::Stubs {
 absl::Status RemoteOptions::Validate() const {
   if (server.empty()) return absl::InvalidArgumentError("server: name it as HOST:PORT");
   if (!(deadline_s > 0.0)) return absl::InvalidArgumentError("server: deadline_s must be positive");
+  if (!(outage_s >= 0.0)) return absl::InvalidArgumentError("server: outage_s must not be negative");
   if (attempts < 1 || attempts > 5) return absl::InvalidArgumentError("server: attempts must be 1 to 5");
   return absl::OkStatus();
 }
@@ -82,6 +84,15 @@ absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Localize(const std::string
   CAIRN_RETURN_IF_ERROR(
       stubs_->Call([&](auto* call) { return stubs_->localize->LocalizeImage(call, request, &response); }));
   return wire::FromProto(response);
+}
+
+absl::StatusOr<std::unique_ptr<api::MapSession>> RemoteMapService::StartSession(const api::SessionRequest& request) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(request.map));
+  return Guarded([&] { return RemoteSession::Start(stubs_->options, stubs_->channel, request); });
+}
+
+absl::StatusOr<std::unique_ptr<api::MapSession>> RemoteMapService::ResumeSession(const std::string& token) {
+  return Guarded([&] { return RemoteSession::Resume(stubs_->options, stubs_->channel, token); });
 }
 
 absl::StatusOr<std::unique_ptr<RemoteLocalizer>> RemoteLocalizer::Connect(const RemoteOptions& options,

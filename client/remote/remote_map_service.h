@@ -16,6 +16,8 @@ struct RemoteOptions {
   double deadline_s = 30.0;               // of each call, retries included
   // A call that only reads is made again when the server could not be reached, so often in all, after 0.1 to 1 s.
   int attempts = 4;
+  // A session whose connection breaks tries so long to go on.
+  double outage_s = 30.0;
 
   absl::Status Validate() const;
 };
@@ -29,6 +31,9 @@ class RemoteMapService : public api::MapService {
   absl::StatusOr<std::vector<api::MapSummary>> List() override;
   absl::StatusOr<api::MapDescription> Describe(const std::string& map) override;
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
+  // Sessions survive broken connections and restarts of the server (client/remote/remote_session.h).
+  absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
+  absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override;
 
  private:
   struct Stubs;

@@ -30,6 +30,9 @@ ServerState StateOf(host::MapHost& maps) {
     state.open_maps.push_back({map.name, map.revision, map.bytes});
   }
   state.waiting = maps.waiting();
+  const host::SessionTable::Counts sessions = maps.sessions();
+  state.sessions = sessions.held;
+  state.sessions_waiting = sessions.waiting;
   return state;
 }
 

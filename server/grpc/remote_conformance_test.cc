@@ -14,6 +14,12 @@ struct ServiceWithServer : public api::MapService {
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override {
     return service->Localize(map, query);
   }
+  absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override {
+    return service->StartSession(request);
+  }
+  absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override {
+    return service->ResumeSession(token);
+  }
 
   std::unique_ptr<server::TestingServer> server;
   std::unique_ptr<client::RemoteMapService> service;
@@ -46,6 +52,7 @@ absl::StatusOr<std::unique_ptr<api::Localizer>> ConnectLocalizer(const std::stri
 
 INSTANTIATE_TEST_SUITE_P(Remote, LocalizerConformance, testing::Values(LocalizerFactory(&ConnectLocalizer)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapServiceConformance, testing::Values(MapServiceFactory(&ConnectService)));
+INSTANTIATE_TEST_SUITE_P(Remote, MapSessionConformance, testing::Values(MapServiceFactory(&ConnectService)));
 
 }  // namespace
 }  // namespace cairn::conformance

@@ -2,8 +2,10 @@
 
 #include <cairn/v1/localize.grpc.pb.h>
 #include <cairn/v1/maps.grpc.pb.h>
+#include <cairn/v1/sessions.grpc.pb.h>
 
 #include "server/grpc/answer.h"
+#include "server/rpc/run_session.h"
 
 namespace cairn::server {
 namespace {
@@ -41,12 +43,39 @@ class LocalizeService final : public v1::Localize::Service {
   const CallContext& context_;
 };
 
+class GrpcSessionStream final : public SessionStream {
+ public:
+  using Stream = grpc::ServerReaderWriter<v1::RunSessionResponse, v1::RunSessionRequest>;
+  explicit GrpcSessionStream(Stream* stream) : stream_(*stream) {}
+  bool Read(v1::RunSessionRequest* request) override { return stream_.Read(request); }
+  bool Write(const v1::RunSessionResponse& response) override { return stream_.Write(response); }
+
+ private:
+  Stream& stream_;
+};
+
+class SessionsService final : public v1::Sessions::Service {
+ public:
+  explicit SessionsService(const CallContext* context) : context_(*context) {}
+
+  grpc::Status RunSession(ServerContext* /*call*/, GrpcSessionStream::Stream* stream) override {
+    return Answer(context_, "Sessions.RunSession", [&] {
+      GrpcSessionStream messages(stream);
+      return server::RunSession(context_, &messages);
+    });
+  }
+
+ private:
+  const CallContext& context_;
+};
+
 }  // namespace
 
 std::vector<std::unique_ptr<grpc::Service>> MakeServices(const CallContext* context) {
   std::vector<std::unique_ptr<grpc::Service>> services;
   services.push_back(std::make_unique<MapsService>(context));
   services.push_back(std::make_unique<LocalizeService>(context));
+  services.push_back(std::make_unique<SessionsService>(context));
   return services;
 }
 

@@ -49,6 +49,19 @@ struct Metrics::Families {
                                               .Help("Finding an image in the map, once it has features")
                                               .Register(registry)
                                               .Add({}, kSeconds);
+  prometheus::Family<prometheus::Counter>& frames = prometheus::BuildCounter()
+                                                        .Name("cairn_session_frames_total")
+                                                        .Help("Frames of sessions, by what came of them")
+                                                        .Register(registry);
+  prometheus::Histogram& frame_seconds = prometheus::BuildHistogram()
+                                             .Name("cairn_session_frame_seconds")
+                                             .Help("From a frame of a session to its pose")
+                                             .Register(registry)
+                                             .Add({}, kSeconds);
+  prometheus::Family<prometheus::Gauge>& sessions = prometheus::BuildGauge()
+                                                        .Name("cairn_sessions")
+                                                        .Help("Sessions with their client, or waiting for it")
+                                                        .Register(registry);
   prometheus::Gauge& open_maps =
       prometheus::BuildGauge().Name("cairn_open_maps").Help("Maps in memory").Register(registry).Add({});
   prometheus::Gauge& open_bytes = prometheus::BuildGauge()
@@ -94,6 +107,11 @@ void Metrics::OnLocalized(const api::LocalizeAnswer& answer) {
   families_->locate_seconds.Observe(1e-3 * answer.locate_ms);
 }
 
+void Metrics::OnSessionFrame(absl::string_view state, double seconds) {
+  families_->frames.Add({{"state", std::string(state)}}).Increment();
+  families_->frame_seconds.Observe(seconds);
+}
+
 std::string Metrics::Text() {
   const ServerState state = state_();
   const std::lock_guard lock(families_->looking);
@@ -107,6 +125,8 @@ std::string Metrics::Text() {
   }
   families_->open_maps.Set(static_cast<double>(state.open_maps.size()));
   families_->open_bytes.Set(bytes);
+  families_->sessions.Add({{"client", "here"}}).Set(state.sessions);
+  families_->sessions.Add({{"client", "gone"}}).Set(state.sessions_waiting);
   families_->waiting.Set(static_cast<double>(state.waiting));
   families_->resident.Set(ResidentBytes());
   std::vector<prometheus::MetricFamily> collected = families_->registry.Collect();

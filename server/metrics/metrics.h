@@ -20,6 +20,8 @@ struct ServerState {
   };
   std::vector<Map> open_maps;
   std::int64_t waiting = 0;  // images that wait to be located
+  int sessions = 0;
+  int sessions_waiting = 0;  // for a client that was cut off
 };
 
 class Metrics : public CallObserver {
@@ -29,6 +31,7 @@ class Metrics : public CallObserver {
 
   void OnCall(absl::string_view call, absl::string_view reason, double seconds) override;
   void OnLocalized(const api::LocalizeAnswer& answer) override;
+  void OnSessionFrame(absl::string_view state, double seconds) override;
 
   // In Prometheus' text format, version 0.0.4.
   std::string Text();

@@ -13,6 +13,7 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   ServerState state;
   state.open_maps = {{"office", 7, 1000}, {"hall", 9, 500}};
   state.waiting = 3;
+  state.sessions = 2;
   Metrics metrics([&] { return state; });
   metrics.OnCall("Maps.ListMaps", "ok", 0.0015);
   metrics.OnCall("Maps.ListMaps", "ok", 0.5);
@@ -22,6 +23,7 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   metrics.OnLocalized(answer);
   answer.localized = true;
   metrics.OnLocalized(answer);
+  metrics.OnSessionFrame("good", 0.0005);
   std::string text = metrics.Text();
   EXPECT_THAT(text, HasSubstr("cairn_calls_total{call=\"Maps.ListMaps\",reason=\"ok\"} 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_calls_total{call=\"Maps.ListMaps\",reason=\"map_not_found\"} 1\n"));
@@ -32,6 +34,9 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   EXPECT_THAT(text, HasSubstr("cairn_open_maps 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_open_maps_bytes 1500\n"));
   EXPECT_THAT(text, HasSubstr("cairn_localize_waiting 3\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_sessions{client=\"here\"} 2\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_session_frames_total{state=\"good\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_session_frame_seconds_bucket{le=\"0.001\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("cairn_map_revision{map=\"office\"} 7\n"));
   EXPECT_THAT(text, Not(HasSubstr("process_resident_memory_bytes 0")));
   state.open_maps.pop_back();

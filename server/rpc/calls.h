@@ -23,6 +23,8 @@ class CallObserver {
   // `call` as "Maps.ListMaps"; `reason` of wire/errors.h, "ok" if all went well.
   virtual void OnCall(absl::string_view call, absl::string_view reason, double seconds) = 0;
   virtual void OnLocalized(const api::LocalizeAnswer& answer) = 0;
+  // `state`: of api::SessionStateName(), or "refused".
+  virtual void OnSessionFrame(absl::string_view state, double seconds) = 0;
 };
 
 // What a call works with.

@@ -39,12 +39,14 @@ absl::StatusOr<cv::Mat> Decode(const std::string& file, const Camera& camera) {
 
 }  // namespace
 
+absl::Status CheckImageSize(const Camera& camera, const ImageLimits& limits) {
+  if (std::int64_t{camera.width_px} * camera.height_px <= limits.max_pixels) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat("image: ", camera.width_px, "x", camera.height_px,
+                                                 " px are more than the ", limits.max_pixels, " allowed here"));
+}
+
 absl::StatusOr<cv::Mat> GrayImageOf(const v1::Image& image, const Camera& camera, const ImageLimits& limits) {
-  const std::int64_t pixels = std::int64_t{camera.width_px} * camera.height_px;
-  if (pixels > limits.max_pixels) {
-    return absl::InvalidArgumentError(absl::StrCat("image: ", camera.width_px, "x", camera.height_px,
-                                                   " px are more than the ", limits.max_pixels, " allowed here"));
-  }
+  CAIRN_RETURN_IF_ERROR(CheckImageSize(camera, limits));
   switch (image.content_case()) {
     case v1::Image::kGray: {
       CAIRN_RETURN_IF_ERROR(CheckBytes(image.gray().size(), camera, 1));

@@ -11,6 +11,9 @@
 
 namespace cairn::server {
 
+// InvalidArgument if images of this camera are larger than allowed.
+absl::Status CheckImageSize(const Camera& camera, const ImageLimits& limits);
+
 // CV_8UC1 of the size of `camera`, which has been validated. A gray image is not copied: `image` must outlive it.
 // InvalidArgument if it is missing, of another size than the camera, of more pixels than allowed, or no whole PNG or
 // JPEG; a file is not decoded before what its header says has been checked.

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "api/localizer.h"
+#include "api/map_session.h"
 #include "base/ids.h"
 #include "base/status.h"
 #include "map/entities.h"
@@ -73,6 +74,13 @@ class MapService {
 
   // As Localizer::Localize(), against the newest revision; further errors as of Describe().
   virtual absl::StatusOr<LocalizeAnswer> Localize(const std::string& map, const LocalizeQuery& query) = 0;
+
+  // The service must outlive the session. AlreadyExists if the map to create is there, NotFound if the one to extend is
+  // not; InvalidArgument for a camera that makes no sense or contradicts one of the map; ResourceExhausted if there are
+  // too many sessions already.
+  virtual absl::StatusOr<std::unique_ptr<MapSession>> StartSession(const SessionRequest& request) = 0;
+  // One that was let go of. NotFound if there is none of this token (any more), FailedPrecondition if it is not let go.
+  virtual absl::StatusOr<std::unique_ptr<MapSession>> ResumeSession(const std::string& token) = 0;
 };
 
 // InvalidArgument unless it is a name: letters, digits, '.', '_' and '-', 1 to 128 of them, the first one a letter or a

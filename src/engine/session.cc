@@ -66,6 +66,7 @@ class Session::Impl {
   }
 
   const FramePreparation& preparation() const { return preparation_; }
+  SessionId id() const { return session_.id; }
 
   std::int64_t KeyframesInMap() const {
     return static_cast<std::int64_t>(live_->Published()->map().keyframes().size());
@@ -188,6 +189,7 @@ absl::StatusOr<direct::FrameResult> Session::AddFrame(const RawFrame& raw) {
 }
 absl::StatusOr<direct::FrameResult> Session::AddFrame(const direct::Frame& frame) { return impl_->AddFrame(frame); }
 const FramePreparation& Session::preparation() const { return impl_->preparation(); }
+SessionId Session::id() const { return impl_->id(); }
 std::int64_t Session::KeyframesInMap() const { return impl_->KeyframesInMap(); }
 Whereabouts Session::Where() const { return impl_->Where(); }
 std::vector<FramePose> Session::FramePoses() const { return impl_->FramePoses(); }

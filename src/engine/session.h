@@ -42,6 +42,8 @@ class Session {
   absl::StatusOr<direct::FrameResult> AddFrame(const direct::Frame& frame);
   const FramePreparation& preparation() const;
 
+  SessionId id() const;  // in the map
+
   // Keyframes that the map holds by now.
   std::int64_t KeyframesInMap() const;
 

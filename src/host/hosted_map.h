@@ -1,13 +1,17 @@
-// One map of a host that is in memory: its newest view. A writer in another process is followed.
+// One map of a host that is in memory: its newest view, whoever writes it. While sessions of this process extend it,
+// that is what engine::LiveMap has published; else it is read from the store, and a writer in another process is
+// followed.
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
 
 #include "base/status.h"
 #include "client/map_reader.h"
+#include "engine/live_map.h"
 #include "tracking/map_view.h"
 
 namespace cairn::host {
@@ -17,31 +21,43 @@ class HostedMap {
   // Loads the newest revision; errors as MapReader::Open. `refresh_interval`: between looks for a newer one.
   static absl::StatusOr<std::shared_ptr<HostedMap>> Open(const std::string& uri,
                                                          std::chrono::milliseconds refresh_interval);
+  // A map that `live` makes; it can be read once its first keyframe is durable.
+  static std::shared_ptr<HostedMap> Over(const std::string& uri, std::shared_ptr<engine::LiveMap> live,
+                                         std::chrono::milliseconds refresh_interval);
 
-  // The newest revision. Waits for nobody: while one thread reads what has changed, others get the view before. The
-  // fault kMoved if the map was removed or replaced: open it again. After any other error of the store the view stays
-  // what it was, and the next call tries again.
+  // The newest revision. Waits for nobody but who loads the map: while one thread reads what has changed, others get
+  // the view before. The fault kMoved if the map was removed or replaced: open it again. After any other error of the
+  // store the view stays what it was, and the next call tries again. The fault kNotFound while there is no keyframe.
   absl::StatusOr<std::shared_ptr<const tracking::MapView>> View();
-
-  // The view that the last call of View() got, or the first one.
+  // The view that the last call of View() got, or the first one; null: none yet.
   std::shared_ptr<const tracking::MapView> Known() const;
+
+  // The head of the map, for sessions: one for all of them, closed when the last one lets go of it.
+  absl::StatusOr<std::shared_ptr<engine::LiveMap>> Write();
+  bool writing() const;
 
   // In memory, roughly: by the size of what is in the store.
   std::int64_t bytes() const { return bytes_; }
 
  private:
-  HostedMap(std::unique_ptr<client::MapReader> reader, std::int64_t stored_bytes,
-            std::chrono::milliseconds refresh_interval);
+  HostedMap(std::string uri, std::int64_t stored_bytes, std::chrono::milliseconds refresh_interval);
+  absl::StatusOr<std::shared_ptr<const tracking::MapView>> Keep(std::shared_ptr<const tracking::MapView> view);
+  std::shared_ptr<engine::LiveMap> Live() const;
 
+  const std::string uri_;
   const std::int64_t bytes_;
   const std::chrono::milliseconds refresh_interval_;
 
-  std::mutex reading_;  // held while the store is read; guards what follows
-  std::unique_ptr<client::MapReader> reader_;
+  std::mutex reading_;                         // held while the store is opened or read; guards what follows
+  std::unique_ptr<client::MapReader> reader_;  // null while it is written here, and until it is read again
   std::chrono::steady_clock::time_point looked_;
 
   mutable std::mutex mutex_;  // guards what follows
   std::shared_ptr<const tracking::MapView> view_;
+  std::weak_ptr<engine::LiveMap> live_;
 };
+
+// Closes the map when the last one lets go of it.
+std::shared_ptr<engine::LiveMap> ClosedAtTheEnd(std::unique_ptr<engine::LiveMap> live);
 
 }  // namespace cairn::host

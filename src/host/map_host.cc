@@ -9,7 +9,9 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/strip.h"
 #include "base/guarded.h"
+#include "base/version.h"
 #include "host/describe.h"
+#include "place/default_vocabulary.h"
 #include "store/map_store.h"
 
 namespace cairn::host {
@@ -20,6 +22,14 @@ constexpr absl::string_view kSuffix = ".cairn";
 int WorkersOf(const MapHostOptions& options) {
   if (options.workers > 0) return options.workers;
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+std::chrono::milliseconds RefreshInterval(const MapHostOptions& options) {
+  return std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options.refresh_interval_s));
+}
+
+MapHost::Clock::duration Seconds(double seconds) {
+  return std::chrono::duration_cast<MapHost::Clock::duration>(std::chrono::duration<double>(seconds));
 }
 
 absl::Status NoMap(const std::string& map) {
@@ -36,6 +46,8 @@ absl::Status MapHostOptions::Validate() const {
   if (!(refresh_interval_s >= 0.0)) return bad("refresh_interval_s must not be negative");
   if (workers < 0) return bad("workers must not be negative");
   if (max_waiting < 0) return bad("max_waiting must not be negative");
+  if (max_sessions < 1) return bad("max_sessions must be at least 1");
+  if (!(session_wait_s >= 0.0)) return bad("session_wait_s must not be negative");
   return localizer.Validate();
 }
 
@@ -52,7 +64,10 @@ absl::StatusOr<std::unique_ptr<MapHost>> MapHost::Open(const MapHostOptions& opt
 }
 
 MapHost::MapHost(const MapHostOptions& options)
-    : options_(options), gate_(WorkersOf(options), options.max_waiting), localizer_(options.localizer) {}
+    : options_(options),
+      gate_(WorkersOf(options), options.max_waiting),
+      localizer_(options.localizer),
+      sessions_(options.max_sessions, Seconds(options.session_wait_s)) {}
 
 absl::StatusOr<std::string> MapHost::PathOf(const std::string& map) const {
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
@@ -74,7 +89,20 @@ std::shared_ptr<MapHost::Slot> MapHost::SlotOf(const std::string& map) {
   return slot;
 }
 
+std::shared_ptr<HostedMap> MapHost::Written(const std::string& map) {
+  std::shared_ptr<Slot> slot;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = slots_.find(map);
+    if (found == slots_.end()) return nullptr;
+    slot = found->second;
+  }
+  const std::lock_guard lock(slot->mutex);
+  return slot->map != nullptr && slot->map->writing() ? slot->map : nullptr;
+}
+
 absl::StatusOr<std::shared_ptr<HostedMap>> MapHost::Use(const std::string& map) {
+  if (std::shared_ptr<HostedMap> written = Written(map)) return written;
   const absl::StatusOr<std::string> path = PathOf(map);
   if (!path.ok()) {
     const std::lock_guard lock(mutex_);
@@ -84,8 +112,7 @@ absl::StatusOr<std::shared_ptr<HostedMap>> MapHost::Use(const std::string& map) 
   const std::shared_ptr<Slot> slot = SlotOf(map);
   const std::lock_guard lock(slot->mutex);
   if (slot->map == nullptr) {
-    const auto interval = std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options_.refresh_interval_s));
-    CAIRN_ASSIGN_OR_RETURN(slot->map, HostedMap::Open(*path, interval));
+    CAIRN_ASSIGN_OR_RETURN(slot->map, HostedMap::Open(*path, RefreshInterval(options_)));
     slot->bytes = std::max<std::int64_t>(1, slot->map->bytes());
     MakeRoom(slot.get());
   }
@@ -105,6 +132,7 @@ absl::StatusOr<std::shared_ptr<const tracking::MapView>> MapHost::ViewOf(const s
 }
 
 void MapHost::Close(Slot* slot) {
+  if (slot->map != nullptr && slot->map->writing()) return;
   slot->map.reset();
   slot->bytes = 0;
 }
@@ -128,16 +156,18 @@ void MapHost::MakeRoom(const Slot* keep) {
     if (!lock) continue;
     bytes -= slot->bytes;
     Close(slot.get());
+    bytes += slot->bytes;  // it stays while it is being written
   }
 }
 
 void MapHost::CloseIdle(Clock::time_point now) {
+  sessions_.FinishAbandoned(now);
   std::vector<std::shared_ptr<Slot>> slots;
   {
     const std::lock_guard lock(mutex_);
     for (const auto& [name, slot] : slots_) slots.push_back(slot);
   }
-  const auto idle = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(options_.idle_close_s));
+  const Clock::duration idle = Seconds(options_.idle_close_s);
   for (const auto& slot : slots) {
     const std::unique_lock lock(slot->mutex, std::try_to_lock);
     if (lock && now.time_since_epoch() - slot->used.load() >= idle) Close(slot.get());
@@ -154,7 +184,8 @@ std::vector<MapHost::OpenMap> MapHost::OpenMaps() {
   for (const auto& [name, slot] : slots) {
     const std::unique_lock lock(slot->mutex, std::try_to_lock);  // one that is being opened is not open
     if (!lock || slot->map == nullptr) continue;
-    open.push_back({name, slot->map->Known()->revision(), slot->bytes});
+    const std::shared_ptr<const tracking::MapView> known = slot->map->Known();
+    open.push_back({name, known != nullptr ? known->revision() : 0, slot->bytes, slot->map->writing()});
   }
   return open;
 }
@@ -190,8 +221,7 @@ absl::StatusOr<std::vector<api::MapSummary>> MapHost::List() {
       if (name != file && PathOf(name).ok()) names.push_back(name);
     }
     std::ranges::sort(names);
-    std::vector<std::string> open;
-    for (const OpenMap& map : OpenMaps()) open.push_back(map.name);
+    const std::vector<OpenMap> open = OpenMaps();
     std::vector<api::MapSummary> summaries;
     for (const std::string& name : names) {
       absl::StatusOr<api::MapSummary> summary = Summarize(name);
@@ -200,7 +230,9 @@ absl::StatusOr<std::vector<api::MapSummary>> MapHost::List() {
       summaries.push_back(summary.ok() ? *std::move(summary) : api::MapSummary());
       summaries.back().name = name;
       summaries.back().status = told;
-      summaries.back().open = std::ranges::binary_search(open, name);
+      const auto held = std::ranges::find(open, name, &OpenMap::name);
+      summaries.back().open = held != open.end();
+      summaries.back().writing = held != open.end() && held->writing;
     }
     return summaries;
   });
@@ -217,6 +249,7 @@ absl::StatusOr<api::MapDescription> MapHost::Describe(const std::string& map) {
     description.summary.format_version = stored->format_version;
     description.summary.file_bytes = stored->file_bytes;
     description.summary.open = true;
+    description.summary.writing = Written(map) != nullptr;
     return description;
   });
 }
@@ -227,6 +260,59 @@ absl::StatusOr<api::LocalizeAnswer> MapHost::Localize(const std::string& map, co
     if (!view.ok()) return Told(view.status());
     CAIRN_ASSIGN_OR_RETURN(const WorkGate::Pass pass, gate_.Enter());
     return localizer_.Localize(**view, query);
+  });
+}
+
+absl::StatusOr<std::shared_ptr<const place::Vocabulary>> MapHost::DefaultVocabulary() {
+  const std::lock_guard lock(vocabulary_mutex_);
+  if (vocabulary_ == nullptr) {
+    CAIRN_ASSIGN_OR_RETURN(place::Vocabulary loaded, place::LoadDefaultVocabulary());
+    vocabulary_ = std::make_shared<const place::Vocabulary>(std::move(loaded));
+  }
+  return vocabulary_;
+}
+
+absl::StatusOr<std::shared_ptr<engine::LiveMap>> MapHost::CreateMap(const api::SessionRequest& request) {
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const place::Vocabulary> vocabulary, DefaultVocabulary());
+  const std::string path = absl::StrCat(options_.directory, "/", request.map, kSuffix);
+  map::MapInfo info;
+  info.id = engine::NewMapId(std::nullopt);
+  info.name = request.title.empty() ? request.source : request.title;
+  info.software_version = kVersion;
+  info.created_unix_ns = engine::UnixNowNs();
+  info.vocabulary_hash = vocabulary->hash();
+  const std::shared_ptr<Slot> slot = SlotOf(request.map);
+  const std::lock_guard lock(slot->mutex);
+  // Files that are no map, links that lead elsewhere: the name is taken.
+  std::error_code error;
+  if ((slot->map != nullptr && slot->map->writing()) ||
+      std::filesystem::exists(std::filesystem::symlink_status(path, error))) {
+    return store::MakeFault(store::Fault::kExists, absl::StrCat("there is a map \"", request.map, "\" already"));
+  }
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::LiveMap> created, engine::LiveMap::Create(path, info, vocabulary));
+  std::shared_ptr<engine::LiveMap> live = ClosedAtTheEnd(std::move(created));
+  slot->map = HostedMap::Over(path, live, RefreshInterval(options_));
+  slot->bytes = 1;
+  return live;
+}
+
+absl::StatusOr<std::unique_ptr<api::MapSession>> MapHost::StartSession(const api::SessionRequest& request) {
+  return Guarded([&]() -> absl::StatusOr<std::unique_ptr<api::MapSession>> {
+    CAIRN_RETURN_IF_ERROR(api::CheckMapName(request.map));
+    CAIRN_RETURN_IF_ERROR(Annotate(request.camera.Validate(), "session"));
+    const auto start = [&]() -> absl::StatusOr<std::unique_ptr<HostedSession>> {
+      std::shared_ptr<engine::LiveMap> live;
+      if (request.policy == map::SessionPolicy::kCreate) {
+        CAIRN_ASSIGN_OR_RETURN(live, CreateMap(request));
+      } else {
+        CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<HostedMap> map, Use(request.map));
+        CAIRN_ASSIGN_OR_RETURN(live, map->Write());
+      }
+      return HostedSession::Start(request, std::move(live));
+    };
+    absl::StatusOr<std::unique_ptr<api::MapSession>> session = sessions_.Start(start);
+    if (!session.ok()) return Told(session.status());
+    return session;
   });
 }
 

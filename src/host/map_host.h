@@ -1,7 +1,7 @@
 // The maps of one directory, served to many at once. A map is opened when it is first asked for, once, whoever asks
 // meanwhile; it leaves memory when nobody has used it for a while, or when others need the room (the one that was used
-// longest ago first). Maps are only read here; each is what its file `NAME.cairn` holds, also while another process
-// writes it.
+// longest ago first). Each is what its file `NAME.cairn` holds, also while another process writes it. Sessions make
+// maps and extend them, several at once in one.
 #pragma once
 
 #include <atomic>
@@ -16,7 +16,9 @@
 #include "base/status.h"
 #include "client/view_localizer.h"
 #include "host/hosted_map.h"
+#include "host/session_table.h"
 #include "host/work_gate.h"
+#include "place/vocabulary.h"
 
 namespace cairn::host {
 
@@ -28,6 +30,8 @@ struct MapHostOptions {
   double refresh_interval_s = 0.1;  // between looks for what another process has changed
   int workers = 0;                  // images that are located at the same time; 0: as many as there are processors
   int max_waiting = 64;             // ... and that wait for their turn; more are refused
+  int max_sessions = 16;            // at the same time
+  double session_wait_s = 60.0;  // a session that its client has let go of waits so long for it, and is then finished
   client::LocalLocalizerOptions localizer;
 
   absl::Status Validate() const;
@@ -45,8 +49,13 @@ class MapHost : public api::MapService {
   // ResourceExhausted if too many images wait already.
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
 
-  // Closes the maps that have been idle at `now` for as long as the options say. For who owns the host to call now and
-  // then.
+  absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
+  absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override {
+    return sessions_.Resume(token);
+  }
+
+  // Finishes the sessions that nobody came back to and closes the maps that have been idle at `now`, for as long as the
+  // options say. For who owns the host to call now and then.
   void CloseIdle(Clock::time_point now);
 
   // Of the maps in memory, for those who watch.
@@ -54,8 +63,10 @@ class MapHost : public api::MapService {
     std::string name;
     Revision revision = 0;
     std::int64_t bytes = 0;
+    bool writing = false;
   };
   std::vector<OpenMap> OpenMaps();
+  SessionTable::Counts sessions() const { return sessions_.counts(); }
   std::int64_t waiting() const { return gate_.waiting(); }  // images that wait for their turn
   // Whether the directory can be read; NotFound if it is gone.
   absl::Status Ready() const;
@@ -73,10 +84,15 @@ class MapHost : public api::MapService {
   // Where the map is. InvalidArgument for what is no name, NotFound if there is no such file in this directory.
   absl::StatusOr<std::string> PathOf(const std::string& map) const;
   std::shared_ptr<Slot> SlotOf(const std::string& map);
+  // The slot of a map that is being written here, whether its file exists yet or not; null: it is not.
+  std::shared_ptr<HostedMap> Written(const std::string& map);
+  absl::StatusOr<std::shared_ptr<engine::LiveMap>> CreateMap(const api::SessionRequest& request);
+  absl::StatusOr<std::shared_ptr<const place::Vocabulary>> DefaultVocabulary();
   absl::StatusOr<std::shared_ptr<HostedMap>> Use(const std::string& map);
   absl::StatusOr<std::shared_ptr<const tracking::MapView>> ViewOf(const std::string& map);
   absl::StatusOr<api::MapSummary> Summarize(const std::string& map);
   void MakeRoom(const Slot* keep);
+  // Unless it is being written.
   static void Close(Slot* slot);
   // Without the directory's name, which is nobody's business.
   absl::Status Told(const absl::Status& status) const;
@@ -85,8 +101,13 @@ class MapHost : public api::MapService {
   WorkGate gate_;
   client::ViewLocalizer localizer_;
 
+  std::mutex vocabulary_mutex_;
+  std::shared_ptr<const place::Vocabulary> vocabulary_;  // of new maps; null: not needed yet
+
   std::mutex mutex_;  // guards what follows; never held while a map is read
   std::map<std::string, std::shared_ptr<Slot>> slots_;
+
+  SessionTable sessions_;  // last: it ends first
 };
 
 }  // namespace cairn::host

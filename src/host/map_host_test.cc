@@ -42,6 +42,7 @@ absl::StatusOr<std::unique_ptr<api::Localizer>> OpenHosted(const std::string& pa
 
 INSTANTIATE_TEST_SUITE_P(Hosted, LocalizerConformance, testing::Values(LocalizerFactory(&OpenHosted)));
 INSTANTIATE_TEST_SUITE_P(Hosted, MapServiceConformance, testing::Values(MapServiceFactory(&OpenService)));
+INSTANTIATE_TEST_SUITE_P(Hosted, MapSessionConformance, testing::Values(MapServiceFactory(&OpenService)));
 
 class MapHost : public testing::Test {
  protected:

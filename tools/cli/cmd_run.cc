@@ -1,13 +1,15 @@
 // cairn run: maps a sequence into a map file, or only tracks it.
 #include "cli/cli.h"
 #include "cli/run_options.h"
+#include "cli/server_option.h"
 
 namespace cairn::cli {
 namespace {
 
 int Run(const RunOptions& options) {
   InterruptWatch interrupt;
-  const absl::Status status = options.odometry_only    ? TrackSequence(options, &interrupt)
+  const absl::Status status = !options.server.empty()  ? MapServed(options, &interrupt)
+                              : options.odometry_only  ? TrackSequence(options, &interrupt)
                               : !options.poses.empty() ? MapStills(options, &interrupt)
                                                        : MapSequence(options, &interrupt);
   const int code = status.ok() ? kOk : Fail("run", status, options.json);
@@ -39,7 +41,8 @@ void AddRunCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("run", "Map a sequence into a map file, or only track it");
   auto options = std::make_shared<RunOptions>();
   AddInputOptions(verb, &options->input);
-  CLI::Option* map = verb->add_option("--map", options->map, "The map file to write (.cairn)");
+  CLI::Option* map =
+      verb->add_option("--map", options->map, "The map file to write (.cairn), with --server the name of a map there");
   CLI::Option* odometry_only = verb->add_flag("--odometry-only", options->odometry_only,
                                               "No map: the direct odometry alone, for its poses or its speed");
   CLI::Option* extend = verb->add_flag(
@@ -110,8 +113,16 @@ void AddRunCommand(CLI::App& app, Action* action) {
       "  cairn run MH_01_easy --map hall.cairn --until 60 --trajectory frames.txt\n"
       "  cairn run MH_02_easy --map hall.cairn --extend --trajectory frames_2.txt\n"
       "  cairn run stills --poses poses.txt --map stills.cairn\n"
-      "  cairn run rgbd_dataset --camera camera.yaml --odometry-only --trajectory frames.txt");
-  verb->callback([=] {
+      "  cairn run rgbd_dataset --camera camera.yaml --odometry-only --trajectory frames.txt\n"
+      "  cairn --server localhost:7878 run visit --map office --extend");
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
+    // What only the one who holds the map file can do, or decides for all of its clients.
+    for (const char* local :
+         {"--odometry-only", "--poses", "--vocabulary", "--picture", "--keyframes", "--deterministic", "--threads",
+          "--vo", "--fixed-lens", "--preset", "--full-resolution"}) {
+      if (!options->server.empty() && verb->get_option(local)->count() > 0) throw CLI::ExcludesError(local, "--server");
+    }
     if (!options->odometry_only && options->map.empty()) {
       throw CLI::RequiredError("--map (or --odometry-only, which makes none)");
     }

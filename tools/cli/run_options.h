@@ -1,5 +1,5 @@
 // What the ways of `cairn run` share. Each way is a file of its own: run_map.cc (a sequence into a map), run_stills.cc
-// (stills with known poses), run_odometry.cc (poses only).
+// (stills with known poses), run_odometry.cc (poses only), run_served.cc (a sequence into a map of a server).
 #pragma once
 
 #include <string>
@@ -22,6 +22,7 @@ namespace cairn::cli {
 
 struct RunOptions {
   InputOptions input;
+  std::string server;  // empty: `map` is a file
   std::string map;
   bool extend = false;
   std::string name;
@@ -44,6 +45,7 @@ struct RunOptions {
 };
 
 absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt);
+absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt);
 absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt);
 absl::Status TrackSequence(const RunOptions& options, InterruptWatch* interrupt);
 

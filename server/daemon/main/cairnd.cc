@@ -49,6 +49,10 @@ void AddOptions(CLI::App& app, DaemonOptions* options) {
       ->check(CLI::NonNegativeNumber);
   app.add_option("--idle-close-s", options->maps.idle_close_s, "A map that nobody has asked for so long is closed")
       ->capture_default_str();
+  app.add_option("--max-sessions", options->maps.max_sessions, "Sessions at the same time")->capture_default_str();
+  app.add_option("--session-wait-s", options->maps.session_wait_s,
+                 "A session whose client is cut off waits so long for it, and is then finished")
+      ->capture_default_str();
   app.add_option("--workers", options->maps.workers,
                  "Images that are located at the same time (0: as many as processors)")
       ->capture_default_str();

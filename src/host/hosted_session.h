@@ -1,0 +1,45 @@
+// A session of a host: an engine::Session in a map that others read and extend meanwhile, and what its client is told.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include "api/map_session.h"
+#include "base/frame_times.h"
+#include "base/status.h"
+#include "engine/live_map.h"
+#include "engine/session.h"
+
+namespace cairn::host {
+
+// By one thread at a time.
+class HostedSession {
+ public:
+  // Errors as of engine::Session::Create.
+  static absl::StatusOr<std::unique_ptr<HostedSession>> Start(const api::SessionRequest& request,
+                                                              std::shared_ptr<engine::LiveMap> map);
+
+  // As those of api::MapSession.
+  absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame);
+  absl::StatusOr<api::SessionSummary> Finish();
+  const Camera& camera() const { return camera_; }
+  const api::SessionProgress& progress() const { return progress_; }
+  const std::optional<api::SessionAnswer>& last_answer() const { return last_answer_; }
+
+ private:
+  explicit HostedSession(std::shared_ptr<engine::LiveMap> map) : map_(std::move(map)) {}
+  void Look();
+
+  const std::shared_ptr<engine::LiveMap> map_;  // outlives the session
+  std::shared_ptr<engine::Subscription> changes_;
+  std::unique_ptr<engine::Session> session_;
+  Camera camera_;
+  FrameTimes times_;
+  std::int64_t next_index_ = 0;
+  api::SessionProgress progress_;
+  std::optional<api::SessionAnswer> last_answer_;
+};
+
+}  // namespace cairn::host

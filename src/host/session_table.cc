@@ -1,0 +1,138 @@
+#include "host/session_table.h"
+
+#include <spdlog/spdlog.h>
+
+#include <utility>
+#include <vector>
+
+#include "base/guarded.h"
+#include "engine/session_record.h"
+
+namespace cairn::host {
+
+// A client's hold on a session.
+class SessionTable::Lease final : public api::MapSession {
+ public:
+  Lease(SessionTable* table, std::string token, std::shared_ptr<Entry> entry)
+      : table_(table),
+        token_(std::move(token)),
+        entry_(std::move(entry)),
+        camera_(entry_->session->camera()),
+        progress_(entry_->session->progress()),
+        last_answer_(entry_->session->last_answer()) {}
+  ~Lease() override {
+    if (entry_ != nullptr) table_->Release(token_);
+  }
+
+  const std::string& token() const override { return token_; }
+  const Camera& camera() const override { return camera_; }
+  const std::optional<api::SessionAnswer>& last_answer() const override { return last_answer_; }
+  const api::SessionProgress& progress() const override { return progress_; }
+
+  absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame) override {
+    if (entry_ == nullptr) return Ended();
+    absl::StatusOr<api::SessionAnswer> answer = Guarded([&] { return entry_->session->AddFrame(frame); });
+    progress_ = entry_->session->progress();
+    if (!answer.ok() && !absl::IsInvalidArgument(answer.status())) End();
+    return answer;
+  }
+
+  absl::StatusOr<api::SessionSummary> Finish() override {
+    if (entry_ == nullptr) return Ended();
+    absl::StatusOr<api::SessionSummary> summary = Guarded([&] { return entry_->session->Finish(); });
+    progress_ = entry_->session->progress();
+    End();
+    return summary;
+  }
+
+ private:
+  static absl::Status Ended() { return absl::FailedPreconditionError("the session has ended"); }
+  void End() {
+    table_->Remove(token_);
+    entry_.reset();
+  }
+
+  SessionTable* const table_;
+  const std::string token_;
+  std::shared_ptr<Entry> entry_;  // null: it has ended
+  const Camera camera_;
+  api::SessionProgress progress_;
+  const std::optional<api::SessionAnswer> last_answer_;
+};
+
+absl::StatusOr<std::unique_ptr<api::MapSession>> SessionTable::Start(
+    const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start) {
+  const std::string token = engine::NewMapId(std::nullopt);  // as hard to guess
+  const auto entry = std::make_shared<Entry>();
+  {
+    const std::lock_guard lock(mutex_);
+    if (static_cast<int>(entries_.size()) >= max_sessions_) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("there are ", max_sessions_, " sessions already, as many as this server takes"));
+    }
+    entries_[token] = entry;
+  }
+  absl::StatusOr<std::unique_ptr<HostedSession>> session = Guarded(start);
+  if (!session.ok()) {
+    Remove(token);
+    return session.status();
+  }
+  entry->session = *std::move(session);
+  return std::make_unique<Lease>(this, token, entry);
+}
+
+absl::StatusOr<std::unique_ptr<api::MapSession>> SessionTable::Resume(const std::string& token) {
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(token);
+  if (found == entries_.end()) {
+    return absl::NotFoundError("there is no session of this token: it has ended, or the server was restarted");
+  }
+  if (found->second->held) {
+    return absl::FailedPreconditionError("the session is with its client still: try again in a moment");
+  }
+  found->second->held = true;
+  return std::make_unique<Lease>(this, token, found->second);
+}
+
+void SessionTable::Release(const std::string& token) {
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(token);
+  if (found == entries_.end()) return;
+  found->second->held = false;
+  found->second->released = Clock::now();
+}
+
+void SessionTable::Remove(const std::string& token) {
+  std::shared_ptr<Entry> removed;  // outlives the lock: it may take a while to end
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(token);
+  if (found == entries_.end()) return;
+  removed = std::move(found->second);
+  entries_.erase(found);
+}
+
+void SessionTable::FinishAbandoned(Clock::time_point now) {
+  std::vector<std::shared_ptr<Entry>> abandoned;
+  {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(entries_, [&](auto& entry) {
+      if (entry.second->held || now - entry.second->released < wait_) return false;
+      abandoned.push_back(std::move(entry.second));
+      return true;
+    });
+  }
+  for (const std::shared_ptr<Entry>& entry : abandoned) {
+    const absl::Status finished = Guarded([&] { return entry->session->Finish(); }).status();
+    spdlog::info("session {} was left by its client and is finished{}{}", entry->session->progress().session.value(),
+                 finished.ok() ? "" : ": ", std::string(finished.message()));
+  }
+}
+
+SessionTable::Counts SessionTable::counts() const {
+  Counts counts;
+  const std::lock_guard lock(mutex_);
+  for (const auto& [token, entry] : entries_) ++(entry->held ? counts.held : counts.waiting);
+  return counts;
+}
+
+}  // namespace cairn::host

@@ -1,0 +1,58 @@
+// The sessions of a host, by their tokens: with their clients, or waiting for one that was cut off.
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "api/map_session.h"
+#include "base/status.h"
+#include "host/hosted_session.h"
+
+namespace cairn::host {
+
+class SessionTable {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  // `wait`: for the client of a session that it has let go of.
+  SessionTable(int max_sessions, Clock::duration wait) : max_sessions_(max_sessions), wait_(wait) {}
+
+  // `start` is called unless there are too many (ResourceExhausted). The table must outlive what it gives out.
+  absl::StatusOr<std::unique_ptr<api::MapSession>> Start(
+      const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start);
+  // As api::MapService::ResumeSession().
+  absl::StatusOr<std::unique_ptr<api::MapSession>> Resume(const std::string& token);
+
+  // Ends, in order, those that nobody has come back to.
+  void FinishAbandoned(Clock::time_point now);
+
+  struct Counts {
+    int held = 0;     // by their clients
+    int waiting = 0;  // for them
+  };
+  Counts counts() const;
+
+ private:
+  struct Entry {
+    std::unique_ptr<HostedSession> session;  // null while it is being started; used by who holds it
+    bool held = true;
+    Clock::time_point released{};
+  };
+  class Lease;
+
+  void Release(const std::string& token);
+  // It has ended: nobody can come back to it.
+  void Remove(const std::string& token);
+
+  const int max_sessions_;
+  const Clock::duration wait_;
+
+  mutable std::mutex mutex_;  // guards what follows
+  std::map<std::string, std::shared_ptr<Entry>> entries_;
+};
+
+}  // namespace cairn::host

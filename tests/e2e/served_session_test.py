@@ -1,0 +1,122 @@
+"""Sessions over the network: they make maps and extend them, and survive cut connections and a killed server."""
+import pathlib
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+import unittest
+
+from cairn_cli import BINARY, cairn, must
+from served_maps import Server
+
+
+def times(path):
+    return [float(line.split()[0]) for line in open(path) if not line.startswith('#')]
+
+
+class ServedSessions(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = pathlib.Path(tempfile.mkdtemp(prefix='cairn-e2e-'))
+        size = ['--image-size', 480, 360, '--focal', 315]
+        cls.first, cls.second = cls.folder / 'first', cls.folder / 'second'
+        must('synth', 'office', '--seed', 4, '--duration', 8, *size, '--out', cls.first)
+        must('synth', 'office', '--seed', 4, '--session', 2, '--duration', 8, *size, '--out', cls.second)
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.folder)
+
+    def setUp(self):
+        self.maps = pathlib.Path(tempfile.mkdtemp(prefix='maps-', dir=self.folder))
+        self.server = Server(self.maps)
+
+    def tearDown(self):
+        if self.server.process.poll() is None:
+            self.server.stop()
+
+    def run_served(self, *arguments):
+        answer = cairn('--server', self.server.address, 'run', *arguments)
+        self.assertEqual(answer.code, 0, f'{answer.out}{answer.err}')
+        return answer.json
+
+    def test_makes_a_map_and_extends_it(self):
+        out, live = self.folder / 'frames.txt', self.folder / 'live.txt'
+        made = self.run_served(self.first, '--map', 'office', '--trajectory', out, '--live-poses', live)
+        self.assertEqual(made['result'], 'created')
+        self.assertGreater(made['tracked_share'], 0.9)
+        self.assertEqual(len(times(out)), made['frames_with_final_pose'])
+        self.assertEqual(len(times(live)), made['live_poses'])
+        error = must('eval', 'ate', out, self.first / 'groundtruth_cam0.txt')
+        self.assertLess(error['rmse'], 0.02, error)
+        extended = self.run_served(self.second, '--map', 'office', '--extend')
+        self.assertEqual(extended['result'], 'located')
+        self.assertEqual(extended['joins'], 1)
+        self.assertEqual(cairn('--server', self.server.address, 'run', self.first, '--map', 'office').code, 1, 'it exists')
+        self.assertEqual(cairn('--server', self.server.address, 'run', self.first, '--map', 'x', '--deterministic').code, 2)
+        # The file is an ordinary map once the server has let go of it.
+        self.assertEqual(self.server.stop(), 0)
+        info = must('info', self.maps / 'office.cairn')
+        self.assertEqual([s['complete'] for s in info['sessions']], [True, True])
+        self.assertEqual(info['revision'], extended['revision'])
+
+    def begin(self, *arguments):
+        return subprocess.Popen([BINARY, '--server', self.server.address, 'run', *map(str, arguments), '--json'],
+                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def wait_for_keyframes(self, name, count):
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            answer = cairn('--server', self.server.address, 'info', name)
+            if answer.code == 0 and answer.json['keyframes'] >= count:
+                return answer.json
+            time.sleep(0.1)
+        self.fail(f'{name} never had {count} keyframes')
+
+    def test_a_killed_server_loses_nothing_that_it_told_of(self):
+        live = self.folder / 'killed.txt'
+        client = self.begin(self.first, '--map', 'office', '--realtime', 1, '--live-poses', live, '--overwrite')
+        told = self.wait_for_keyframes('office', 5)
+        self.server.stop(signal.SIGKILL)
+        begun = time.monotonic()
+        self.server = Server(self.maps, address=self.server.address)
+        self.assertLess(time.monotonic() - begun, 1.0, 'serves at once')
+        after = cairn('--server', self.server.address, 'info', 'office')
+        self.assertEqual(after.code, 0, after.out)
+        self.assertGreaterEqual(after.json['revision'], told['revision'])
+        self.assertGreaterEqual(after.json['keyframes'], told['keyframes'])
+        out, err = client.communicate(timeout=120)
+        self.assertEqual(client.returncode, 0, out + err)
+        # The client went on by itself, in a further session of the same map.
+        info = must('info', self.maps / 'office.cairn')
+        self.assertEqual([s['complete'] for s in info['sessions']], [False, True])
+        found = times(live)
+        last = max(float(line.split()[0]) for line in open(self.first / 'groundtruth_cam0.txt') if not line.startswith('#'))
+        self.assertGreater(found[-1], last - 0.5, 'poses until the end')
+
+    def test_stops_in_time_while_a_session_runs(self):
+        client = self.begin(self.first, '--map', 'office', '--realtime', 1)
+        self.wait_for_keyframes('office', 5)
+        begun = time.monotonic()
+        self.assertEqual(self.server.stop(), 0)
+        self.assertLess(time.monotonic() - begun, 5.0)
+        client.kill()
+        client.communicate()
+        self.assertGreaterEqual(must('info', self.maps / 'office.cairn')['keyframes'], 5)
+
+    def test_a_session_whose_client_is_gone_is_finished(self):
+        self.server.stop()
+        self.server = Server(self.maps, '--session-wait-s', 1)
+        client = self.begin(self.first, '--map', 'office', '--realtime', 1)
+        self.wait_for_keyframes('office', 5)
+        client.kill()
+        client.communicate()
+        deadline = time.monotonic() + 30
+        while not cairn('--server', self.server.address, 'info', 'office').json['sessions'][0]['complete']:
+            self.assertLess(time.monotonic(), deadline)
+            time.sleep(0.2)
+
+
+if __name__ == '__main__':
+    unittest.main(verbosity=2)

@@ -1,0 +1,126 @@
+// cairn --server HOST:PORT run: maps a sequence into a map of a server, frame by frame.
+#include <cstdio>
+#include <iostream>
+#include <memory>
+#include <utility>
+
+#include "base/guarded.h"
+#include "cli/live_pose_file.h"
+#include "cli/run_options.h"
+#include "cli/server_option.h"
+#include "io/trajectory.h"
+
+namespace cairn::cli {
+namespace {
+
+// The server undistorts: what is fed to it are the images as they are.
+absl::StatusOr<engine::FramePreparation> AsTheyAre(const Camera& camera) {
+  engine::SessionSource source;
+  source.camera = Camera::FromPinhole(camera.Intrinsics());
+  return engine::FramePreparation::Create(source);
+}
+
+api::SessionRequest RequestOf(const RunOptions& options, const io::SourceInfo& info) {
+  api::SessionRequest request;
+  request.map = options.map;
+  request.policy = options.extend ? map::SessionPolicy::kExtend : map::SessionPolicy::kCreate;
+  request.camera = info.camera;
+  request.camera_name = options.camera_name;
+  request.source = info.name;
+  request.title = options.name;
+  request.first_ns = info.first_time_ns;
+  return request;
+}
+
+absl::Status WriteTrajectory(const RunOptions& options, const api::SessionSummary& summary) {
+  if (options.trajectory.empty()) return absl::OkStatus();
+  std::vector<io::StampedPose> poses;
+  for (const api::SessionSummary::Pose& pose : summary.poses) {
+    const auto& world = summary.world_from_component;
+    poses.push_back({pose.time_ns, world ? world->TransformPose(pose.map_from_camera) : pose.map_from_camera});
+  }
+  io::TrajectoryWriteOptions write;
+  write.overwrite = options.overwrite;
+  write.comment =
+      absl::StrCat("t tx ty tz qx qy qz qw: ", summary.world_from_component ? "world" : "map", "_from_camera, map ",
+                   options.map, " of a server, component ", summary.component.value(), " revision ", summary.revision);
+  return io::WriteTumTrajectory(options.trajectory, poses, write);
+}
+
+void PrintServedRun(const RunOptions& options, const api::SessionSummary& summary, const io::SourceInfo& info,
+                    const FeedReport& feed, const InterruptWatch& interrupt, std::optional<std::int64_t> live_poses) {
+  if (options.json) {
+    nlohmann::ordered_json json = {{"map", options.map}};
+    AddFrameAndUnit(summary.world_from_component.has_value(), &json);
+    AddFeedJson(feed, info, summary.frames_tracked, interrupt, &json);
+    json.update({{"session", summary.session.value()},
+                 {"result", map::SessionResultName(summary.result)},
+                 {"component", summary.component.value()},
+                 {"keyframes", summary.keyframes},
+                 {"points", summary.points},
+                 {"joins", summary.joins},
+                 {"loops", summary.loops},
+                 {"revision", summary.revision},
+                 {"frames_with_final_pose", summary.poses.size()},
+                 {"live_poses", live_poses ? nlohmann::ordered_json(*live_poses) : nullptr}});
+    PrintJson(json);
+    return;
+  }
+  std::printf("%s: session %u, %lld keyframes, %lld points, revision %llu; %s\n", options.map.c_str(),
+              summary.session.value(), static_cast<long long>(summary.keyframes),
+              static_cast<long long>(summary.points), static_cast<unsigned long long>(summary.revision),
+              summary.result == map::SessionResult::kLocated ? "found in what was there"
+              : summary.result == map::SessionResult::kApart ? "joined to nothing that was there"
+                                                             : "made the map");
+  PrintFeed(feed, info, summary.frames_tracked, interrupt);
+}
+
+// On the terminal, as soon as it is known.
+void SayWhere(const api::SessionProgress& now, const api::SessionProgress& before, TimeNs first_ns) {
+  if (now.located_ns && !before.located_ns) {
+    std::cerr << "looks like component " << now.located_component.value() << " after "
+              << ToSeconds(*now.located_ns - first_ns) << " s; joined as soon as that is proven\n";
+  }
+  if (now.joined_ns && !before.joined_ns) {
+    std::cerr << "joined to component " << now.component.value() << " at " << ToSeconds(*now.joined_ns - first_ns)
+              << " s\n";
+  }
+}
+
+}  // namespace
+
+absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
+  CAIRN_RETURN_IF_ERROR(CheckWritable(options.trajectory, options.overwrite));
+  CAIRN_RETURN_IF_ERROR(CheckWritable(options.live_poses, options.overwrite));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.trajectory, options.live_poses}, InputFiles(options.input)));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
+  CAIRN_ASSIGN_OR_RETURN(const engine::FramePreparation preparation, AsTheyAre(source->info().camera));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<api::MapSession> session,
+                         service->StartSession(RequestOf(options, source->info())));
+  LivePoseFile live(options.live_poses);
+  CAIRN_RETURN_IF_ERROR(live.status());
+  api::SessionProgress before;
+  const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
+    CAIRN_ASSIGN_OR_RETURN(const api::SessionAnswer answer, session->AddFrame({frame.image, frame.time_ns}));
+    if (answer.map_from_camera && live.count()) {
+      live.Write(answer.time_ns, {answer.component, *answer.map_from_camera, answer.world_from_component});
+    }
+    if (!options.json) SayWhere(session->progress(), before, source->info().first_time_ns);
+    before = session->progress();
+    return answer.state == api::SessionState::kInitializing ? answer.reason
+                                                            : absl::StrCat(before.keyframes, " keyframes");
+  };
+  api::SessionSummary summary;
+  const auto finish = [&]() -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(summary, session->Finish());
+    return absl::OkStatus();
+  };
+  CAIRN_ASSIGN_OR_RETURN(const FeedReport feed, FeedSequence(ToFeedSettings(options, "mapping"), source.get(),
+                                                             preparation, interrupt, add, finish));
+  CAIRN_RETURN_IF_ERROR(WriteTrajectory(options, summary));
+  PrintServedRun(options, summary, source->info(), feed, *interrupt, live.count());
+  return live.status();
+}
+
+}  // namespace cairn::cli
