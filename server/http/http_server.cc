@@ -219,6 +219,8 @@ class Server final : public HttpServer {
     shared_->io.stop();
     thread_.join();
     shared_->workers.join();
+    error_code ignored;
+    acceptor_.close(ignored);  // if there was nothing to wait for, it may have been stopped before it came to that
     const std::lock_guard lock(shared_->mutex);
     for (Connection* connection : shared_->connections) connection->Close();
   }
