@@ -137,10 +137,27 @@ TEST_P(MapServiceConformance, MapsComeGoAndAreReplaced) {
   }
 }
 
+TEST_P(MapServiceConformance, TracksAStream) {
+  const Camera camera = Camera::FromPinhole(TheConformanceMap().pinhole);
+  const auto tracker = service_->NewTracker("room", camera);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  for (int i = 0; i < 10; ++i) {
+    const SE3 truth = LookInRoom({0.2 + 0.01 * i, 0.0, -1.4}, 0.05);
+    const auto answer = (*tracker)->Track({TheConformanceMap().room.Render(camera, truth), (i + 1) * 33'333'333LL});
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    EXPECT_NE(answer->state, api::TrackState::kLost) << answer->reason;
+    EXPECT_LT((answer->map_from_camera.translation() - truth.Inverse().translation()).norm(), 0.03);
+  }
+  EXPECT_EQ(service_->NewTracker("kitchen", camera).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(service_->NewTracker("../room", camera).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(service_->NewTracker("room", Camera()).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
 // A walk along the wall, in steps that the odometry can follow.
 inline SE3 SessionWalk(int frame) {
-  const double t = 0.035 * frame;
-  return LookInRoom({-0.8 + 0.8 * (1.0 - std::cos(t)), 0.1 * std::sin(2.0 * t), -1.4}, 0.2 * std::sin(1.3 * t));
+  const double t = 0.07 * frame;
+  return LookInRoom({-1.2 + 1.2 * (1.0 - std::cos(t)), 0.2 * std::sin(2.0 * t), -1.4 + 0.3 * std::sin(0.7 * t)},
+                    0.3 * std::sin(1.3 * t));
 }
 
 class MapSessionConformance : public MapServiceConformance {

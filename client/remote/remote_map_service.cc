@@ -9,6 +9,7 @@
 #include "client/query_image.h"
 #include "client/remote/channel.h"
 #include "client/remote/remote_session.h"
+#include "client/remote/remote_tracker.h"
 #include "wire/convert.h"
 
 namespace cairn::client {
@@ -84,6 +85,12 @@ absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Localize(const std::string
   CAIRN_RETURN_IF_ERROR(
       stubs_->Call([&](auto* call) { return stubs_->localize->LocalizeImage(call, request, &response); }));
   return wire::FromProto(response);
+}
+
+absl::StatusOr<std::unique_ptr<api::Tracker>> RemoteMapService::NewTracker(const std::string& map,
+                                                                           const Camera& camera) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  return Guarded([&] { return RemoteTracker::Start(stubs_->options, stubs_->channel, map, camera); });
 }
 
 absl::StatusOr<std::unique_ptr<api::MapSession>> RemoteMapService::StartSession(const api::SessionRequest& request) {

@@ -31,6 +31,8 @@ class RemoteMapService : public api::MapService {
   absl::StatusOr<std::vector<api::MapSummary>> List() override;
   absl::StatusOr<api::MapDescription> Describe(const std::string& map) override;
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
+  // Frames are sent to the server (client/remote/remote_tracker.h).
+  absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override;
   // Sessions survive broken connections and restarts of the server (client/remote/remote_session.h).
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override;

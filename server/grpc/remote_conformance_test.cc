@@ -1,6 +1,7 @@
 // Remote equals local: the conformance suites, asked over gRPC.
 #include "client/conformance/localizer_conformance.h"
 #include "client/conformance/map_service_conformance.h"
+#include "client/conformance/tracker_conformance.h"
 #include "server/grpc/testing_server.h"
 
 namespace cairn::conformance {
@@ -13,6 +14,9 @@ struct ServiceWithServer : public api::MapService {
   absl::StatusOr<api::MapDescription> Describe(const std::string& map) override { return service->Describe(map); }
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override {
     return service->Localize(map, query);
+  }
+  absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override {
+    return service->NewTracker(map, camera);
   }
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override {
     return service->StartSession(request);
@@ -50,6 +54,25 @@ absl::StatusOr<std::unique_ptr<api::Localizer>> ConnectLocalizer(const std::stri
   return made;
 }
 
+struct TrackerWithServer : public api::Tracker {
+  absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override { return tracker->Track(frame); }
+
+  std::unique_ptr<server::TestingServer> server;
+  std::unique_ptr<client::RemoteMapService> service;
+  std::unique_ptr<api::Tracker> tracker;
+};
+
+absl::StatusOr<std::unique_ptr<api::Tracker>> ConnectTracker(const std::string& path, const Camera& camera) {
+  const std::filesystem::path file(path);
+  auto made = std::make_unique<TrackerWithServer>();
+  CAIRN_ASSIGN_OR_RETURN(made->server, server::TestingServer::Start(file.parent_path().string()));
+  CAIRN_ASSIGN_OR_RETURN(made->service, client::RemoteMapService::Connect(made->server->Remote()));
+  CAIRN_ASSIGN_OR_RETURN(made->tracker, made->service->NewTracker(file.stem().string(), camera));
+  return made;
+}
+
+INSTANTIATE_TEST_SUITE_P(Remote, TrackerConformance, testing::Values(TrackerCase{"AtTheServer", &ConnectTracker, true}),
+                         [](const auto& parameter) { return parameter.param.name; });
 INSTANTIATE_TEST_SUITE_P(Remote, LocalizerConformance, testing::Values(LocalizerFactory(&ConnectLocalizer)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapServiceConformance, testing::Values(MapServiceFactory(&ConnectService)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapSessionConformance, testing::Values(MapServiceFactory(&ConnectService)));

@@ -3,9 +3,11 @@
 #include <cairn/v1/localize.grpc.pb.h>
 #include <cairn/v1/maps.grpc.pb.h>
 #include <cairn/v1/sessions.grpc.pb.h>
+#include <cairn/v1/track.grpc.pb.h>
 
 #include "server/grpc/answer.h"
 #include "server/rpc/run_session.h"
+#include "server/rpc/track_frames.h"
 
 namespace cairn::server {
 namespace {
@@ -43,15 +45,34 @@ class LocalizeService final : public v1::Localize::Service {
   const CallContext& context_;
 };
 
-class GrpcSessionStream final : public SessionStream {
+// One of our streams over one of gRPC's.
+template <class Interface, class Request, class Response>
+class GrpcStream final : public Interface {
  public:
-  using Stream = grpc::ServerReaderWriter<v1::RunSessionResponse, v1::RunSessionRequest>;
-  explicit GrpcSessionStream(Stream* stream) : stream_(*stream) {}
-  bool Read(v1::RunSessionRequest* request) override { return stream_.Read(request); }
-  bool Write(const v1::RunSessionResponse& response) override { return stream_.Write(response); }
+  using Stream = grpc::ServerReaderWriter<Response, Request>;
+  explicit GrpcStream(Stream* stream) : stream_(*stream) {}
+  bool Read(Request* request) override { return stream_.Read(request); }
+  bool Write(const Response& response) override { return stream_.Write(response); }
 
  private:
   Stream& stream_;
+};
+using GrpcSessionStream = GrpcStream<SessionStream, v1::RunSessionRequest, v1::RunSessionResponse>;
+using GrpcTrackStream = GrpcStream<TrackStream, v1::TrackFramesRequest, v1::TrackFramesResponse>;
+
+class TrackService final : public v1::Track::Service {
+ public:
+  explicit TrackService(const CallContext* context) : context_(*context) {}
+
+  grpc::Status TrackFrames(ServerContext* /*call*/, GrpcTrackStream::Stream* stream) override {
+    return Answer(context_, "Track.TrackFrames", [&] {
+      GrpcTrackStream messages(stream);
+      return server::TrackFrames(context_, &messages);
+    });
+  }
+
+ private:
+  const CallContext& context_;
 };
 
 class SessionsService final : public v1::Sessions::Service {
@@ -76,6 +97,7 @@ std::vector<std::unique_ptr<grpc::Service>> MakeServices(const CallContext* cont
   services.push_back(std::make_unique<MapsService>(context));
   services.push_back(std::make_unique<LocalizeService>(context));
   services.push_back(std::make_unique<SessionsService>(context));
+  services.push_back(std::make_unique<TrackService>(context));
   return services;
 }
 

@@ -19,6 +19,8 @@ class TestingServer {
     host::MapHostOptions options;
     options.directory = directory;
     options.refresh_interval_s = 0.0;
+    options.tracker.wait_for_matches = true;  // rendering takes longer than tracking
+    options.tracker.refresh_interval_s = 0.01;
     CAIRN_ASSIGN_OR_RETURN(server->host, host::MapHost::Open(options));
     grpc.address = "127.0.0.1:0";
     CAIRN_ASSIGN_OR_RETURN(server->grpc, GrpcServer::Start(grpc, {server->host.get(), {}}));

@@ -58,6 +58,15 @@ struct Metrics::Families {
                                              .Help("From a frame of a session to its pose")
                                              .Register(registry)
                                              .Add({}, kSeconds);
+  prometheus::Family<prometheus::Counter>& tracked = prometheus::BuildCounter()
+                                                         .Name("cairn_track_frames_total")
+                                                         .Help("Frames tracked for clients, by what came of them")
+                                                         .Register(registry);
+  prometheus::Histogram& track_seconds = prometheus::BuildHistogram()
+                                             .Name("cairn_track_seconds")
+                                             .Help("Time that tracking a frame took")
+                                             .Register(registry)
+                                             .Add({}, kSeconds);
   prometheus::Family<prometheus::Gauge>& sessions = prometheus::BuildGauge()
                                                         .Name("cairn_sessions")
                                                         .Help("Sessions with their client, or waiting for it")
@@ -105,6 +114,12 @@ void Metrics::OnLocalized(const api::LocalizeAnswer& answer) {
   families_->localized.Add({{"outcome", outcome}}).Increment();
   families_->extract_seconds.Observe(1e-3 * answer.extract_ms);
   families_->locate_seconds.Observe(1e-3 * answer.locate_ms);
+}
+
+void Metrics::OnTracked(const api::TrackAnswer* answer) {
+  const std::string state = answer != nullptr ? api::TrackStateName(answer->state) : "refused";
+  families_->tracked.Add({{"state", state}}).Increment();
+  if (answer != nullptr) families_->track_seconds.Observe(1e-3 * answer->track_ms);
 }
 
 void Metrics::OnSessionFrame(absl::string_view state, double seconds) {

@@ -31,6 +31,7 @@ class Metrics : public CallObserver {
 
   void OnCall(absl::string_view call, absl::string_view reason, double seconds) override;
   void OnLocalized(const api::LocalizeAnswer& answer) override;
+  void OnTracked(const api::TrackAnswer* answer) override;
   void OnSessionFrame(absl::string_view state, double seconds) override;
 
   // In Prometheus' text format, version 0.0.4.

@@ -24,6 +24,10 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   answer.localized = true;
   metrics.OnLocalized(answer);
   metrics.OnSessionFrame("good", 0.0005);
+  api::TrackAnswer tracked;
+  tracked.state = api::TrackState::kCarried;
+  metrics.OnTracked(&tracked);
+  metrics.OnTracked(nullptr);
   std::string text = metrics.Text();
   EXPECT_THAT(text, HasSubstr("cairn_calls_total{call=\"Maps.ListMaps\",reason=\"ok\"} 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_calls_total{call=\"Maps.ListMaps\",reason=\"map_not_found\"} 1\n"));
@@ -35,6 +39,8 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   EXPECT_THAT(text, HasSubstr("cairn_open_maps_bytes 1500\n"));
   EXPECT_THAT(text, HasSubstr("cairn_localize_waiting 3\n"));
   EXPECT_THAT(text, HasSubstr("cairn_sessions{client=\"here\"} 2\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_track_frames_total{state=\"carried\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_track_frames_total{state=\"refused\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("cairn_session_frames_total{state=\"good\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("cairn_session_frame_seconds_bucket{le=\"0.001\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("cairn_map_revision{map=\"office\"} 7\n"));

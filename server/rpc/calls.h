@@ -23,6 +23,7 @@ class CallObserver {
   // `call` as "Maps.ListMaps"; `reason` of wire/errors.h, "ok" if all went well.
   virtual void OnCall(absl::string_view call, absl::string_view reason, double seconds) = 0;
   virtual void OnLocalized(const api::LocalizeAnswer& answer) = 0;
+  virtual void OnTracked(const api::TrackAnswer* answer) = 0;  // null: the frame could not be used
   // `state`: of api::SessionStateName(), or "refused".
   virtual void OnSessionFrame(absl::string_view state, double seconds) = 0;
 };

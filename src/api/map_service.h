@@ -10,6 +10,7 @@
 
 #include "api/localizer.h"
 #include "api/map_session.h"
+#include "api/tracker.h"
 #include "base/ids.h"
 #include "base/status.h"
 #include "map/entities.h"
@@ -74,6 +75,10 @@ class MapService {
 
   // As Localizer::Localize(), against the newest revision; further errors as of Describe().
   virtual absl::StatusOr<LocalizeAnswer> Localize(const std::string& map, const LocalizeQuery& query) = 0;
+
+  // Finds itself in the newest revision and follows those after it. Errors as of Describe(); InvalidArgument for a
+  // camera that makes no sense.
+  virtual absl::StatusOr<std::unique_ptr<Tracker>> NewTracker(const std::string& map, const Camera& camera) = 0;
 
   // The service must outlive the session. AlreadyExists if the map to create is there, NotFound if the one to extend is
   // not; InvalidArgument for a camera that makes no sense or contradicts one of the map; ResourceExhausted if there are

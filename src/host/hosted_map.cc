@@ -89,6 +89,12 @@ absl::StatusOr<std::shared_ptr<const tracking::MapView>> HostedMap::View() {
   return Keep(reader_->view());
 }
 
+absl::StatusOr<std::unique_ptr<client::MapReader>> HostedMap::NewReader() {
+  const std::lock_guard reading(reading_);
+  if (reader_ != nullptr) return reader_->Another();
+  return client::MapReader::Open(uri_);
+}
+
 absl::StatusOr<std::shared_ptr<engine::LiveMap>> HostedMap::Write() {
   const std::lock_guard reading(reading_);
   if (std::shared_ptr<engine::LiveMap> live = Live()) return live;

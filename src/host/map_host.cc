@@ -10,6 +10,7 @@
 #include "absl/strings/strip.h"
 #include "base/guarded.h"
 #include "base/version.h"
+#include "client/local_tracker.h"
 #include "host/describe.h"
 #include "place/default_vocabulary.h"
 #include "store/map_store.h"
@@ -48,6 +49,7 @@ absl::Status MapHostOptions::Validate() const {
   if (max_waiting < 0) return bad("max_waiting must not be negative");
   if (max_sessions < 1) return bad("max_sessions must be at least 1");
   if (!(session_wait_s >= 0.0)) return bad("session_wait_s must not be negative");
+  CAIRN_RETURN_IF_ERROR(tracker.Validate());
   return localizer.Validate();
 }
 
@@ -260,6 +262,20 @@ absl::StatusOr<api::LocalizeAnswer> MapHost::Localize(const std::string& map, co
     if (!view.ok()) return Told(view.status());
     CAIRN_ASSIGN_OR_RETURN(const WorkGate::Pass pass, gate_.Enter());
     return localizer_.Localize(**view, query);
+  });
+}
+
+absl::StatusOr<std::unique_ptr<api::Tracker>> MapHost::NewTracker(const std::string& map, const Camera& camera) {
+  return Guarded([&]() -> absl::StatusOr<std::unique_ptr<api::Tracker>> {
+    const auto open = [&]() -> absl::StatusOr<std::unique_ptr<api::Tracker>> {
+      CAIRN_RETURN_IF_ERROR(ViewOf(map).status());  // the file that lies there now
+      CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<HostedMap> hosted, Use(map));
+      CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::MapReader> reader, hosted->NewReader());
+      return client::LocalTracker::Open(std::move(reader), camera, options_.tracker);
+    };
+    absl::StatusOr<std::unique_ptr<api::Tracker>> tracker = open();
+    if (!tracker.ok()) return Told(tracker.status());
+    return tracker;
   });
 }
 

@@ -14,6 +14,7 @@
 
 #include "api/map_service.h"
 #include "base/status.h"
+#include "client/local_tracker_options.h"
 #include "client/view_localizer.h"
 #include "host/hosted_map.h"
 #include "host/session_table.h"
@@ -33,6 +34,7 @@ struct MapHostOptions {
   int max_sessions = 16;            // at the same time
   double session_wait_s = 60.0;  // a session that its client has let go of waits so long for it, and is then finished
   client::LocalLocalizerOptions localizer;
+  client::LocalTrackerOptions tracker;
 
   absl::Status Validate() const;
 };
@@ -49,6 +51,7 @@ class MapHost : public api::MapService {
   // ResourceExhausted if too many images wait already.
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
 
+  absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override {
     return sessions_.Resume(token);

@@ -1,0 +1,65 @@
+#include "client/remote/remote_tracker.h"
+
+#include <utility>
+
+#include "base/guarded.h"
+#include "client/query_image.h"
+#include "wire/convert.h"
+#include "wire/convert_tracks.h"
+
+namespace cairn::client {
+
+RemoteTracker::RemoteTracker(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel,
+                             const std::string& map, const Camera& camera)
+    : options_(options),
+      channel_(std::move(channel)),
+      stub_(v1::Track::NewStub(channel_)),
+      map_(map),
+      camera_(camera) {}
+
+RemoteTracker::~RemoteTracker() {
+  if (stream_ == nullptr) return;
+  context_->TryCancel();
+  stream_->Finish();
+}
+
+absl::StatusOr<std::unique_ptr<api::Tracker>> RemoteTracker::Start(const RemoteOptions& options,
+                                                                   std::shared_ptr<grpc::Channel> channel,
+                                                                   const std::string& map, const Camera& camera) {
+  auto tracker = std::unique_ptr<RemoteTracker>(new RemoteTracker(options, std::move(channel), map, camera));
+  CAIRN_RETURN_IF_ERROR(tracker->Connect());
+  return tracker;
+}
+
+absl::Status RemoteTracker::Exchange(const v1::TrackFramesRequest& request, v1::TrackFramesResponse* response) {
+  if (stream_->Write(request) && stream_->Read(response)) return absl::OkStatus();
+  const absl::Status status = FromGrpc(stream_->Finish(), options_.server);
+  stream_.reset();
+  return status.ok() ? absl::UnavailableError(absl::StrCat(options_.server, " ended the tracker's stream")) : status;
+}
+
+absl::Status RemoteTracker::Connect() {
+  if (stream_ != nullptr) return absl::OkStatus();
+  context_ = std::make_unique<grpc::ClientContext>();
+  stream_ = stub_->TrackFrames(context_.get());
+  v1::TrackFramesRequest request;
+  request.mutable_start()->set_map(map_);
+  wire::ToProto(camera_, request.mutable_start()->mutable_camera());
+  v1::TrackFramesResponse response;
+  return Exchange(request, &response);
+}
+
+absl::StatusOr<api::TrackAnswer> RemoteTracker::Track(const api::TrackFrame& frame) {
+  return Guarded([&]() -> absl::StatusOr<api::TrackAnswer> {
+    CAIRN_RETURN_IF_ERROR(CheckImage(frame.image, camera_, "track"));
+    CAIRN_RETURN_IF_ERROR(Connect());
+    v1::TrackFramesRequest request;
+    request.mutable_frame()->set_time_ns(frame.time_ns);
+    wire::ToProto(frame.image, request.mutable_frame()->mutable_image());
+    v1::TrackFramesResponse response;
+    CAIRN_RETURN_IF_ERROR(Exchange(request, &response));
+    return wire::FromProto(response.answer());
+  });
+}
+
+}  // namespace cairn::client

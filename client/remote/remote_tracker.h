@@ -1,0 +1,44 @@
+// Tracking at a daemon: every frame is sent there, and its pose comes back. For clients that cannot track by
+// themselves; without the network there is no pose.
+#pragma once
+
+#include <cairn/v1/track.grpc.pb.h>
+
+#include <memory>
+#include <string>
+
+#include "api/tracker.h"
+#include "base/status.h"
+#include "client/remote/channel.h"
+
+namespace cairn::client {
+
+class RemoteTracker final : public api::Tracker {
+ public:
+  // Errors of the server come at once.
+  static absl::StatusOr<std::unique_ptr<api::Tracker>> Start(const RemoteOptions& options,
+                                                             std::shared_ptr<grpc::Channel> channel,
+                                                             const std::string& map, const Camera& camera);
+  ~RemoteTracker() override;
+
+  // Unavailable if the connection breaks: the next call makes it again, and the tracker finds itself anew.
+  absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override;
+
+ private:
+  using Stream = grpc::ClientReaderWriter<v1::TrackFramesRequest, v1::TrackFramesResponse>;
+
+  RemoteTracker(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel, const std::string& map,
+                const Camera& camera);
+  absl::Status Connect();
+  absl::Status Exchange(const v1::TrackFramesRequest& request, v1::TrackFramesResponse* response);
+
+  const RemoteOptions options_;
+  const std::shared_ptr<grpc::Channel> channel_;
+  const std::unique_ptr<v1::Track::Stub> stub_;
+  const std::string map_;
+  const Camera camera_;
+  std::unique_ptr<grpc::ClientContext> context_;
+  std::unique_ptr<Stream> stream_;  // null: there is no connection
+};
+
+}  // namespace cairn::client
