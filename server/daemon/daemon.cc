@@ -45,11 +45,12 @@ absl::Status DaemonOptions::Validate() const {
     return absl::InvalidArgumentError("grpc: max_message_bytes must be 64 KB to 1 GB");
   }
   if (grpc.max_threads < 8) return absl::InvalidArgumentError("grpc: max_threads must be at least 8");
+  if (http.max_connections < 1) return absl::InvalidArgumentError("http: max_connections must be positive");
   if (images.max_pixels < 1) return absl::InvalidArgumentError("images: max_pixels must be positive");
-  if (serve_http) CAIRN_RETURN_IF_ERROR(CheckAddress(http.address));
+  if (!no_http) CAIRN_RETURN_IF_ERROR(CheckAddress(http.address));
   if (without_protection) return absl::OkStatus();
   CAIRN_RETURN_IF_ERROR(CheckLoopback(grpc.address));
-  return serve_http ? CheckLoopback(http.address) : absl::OkStatus();
+  return no_http ? absl::OkStatus() : CheckLoopback(http.address);
 }
 
 absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const DaemonOptions& options) {
@@ -63,7 +64,7 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const DaemonOptions& optio
 absl::Status Daemon::Listen(const DaemonOptions& options) {
   metrics_ = std::make_unique<Metrics>([maps = maps_.get()] { return StateOf(*maps); });
   const CallContext context{maps_.get(), options.images, metrics_.get()};
-  if (options.serve_http) {
+  if (!options.no_http) {
     const HttpHooks hooks{[maps = maps_.get()] { return maps->Ready(); }, [this] { return metrics_->Text(); }};
     http_api_ = std::make_unique<HttpApi>(context, hooks);
     CAIRN_ASSIGN_OR_RETURN(http_, HttpServer::Start(options.http, [api = http_api_.get()](const HttpRequest& request) {

@@ -18,7 +18,7 @@ struct DaemonOptions {
   host::MapHostOptions maps;
   GrpcServerOptions grpc;
   HttpServerOptions http;
-  bool serve_http = true;
+  bool no_http = false;
   ImageLimits images;
   // Listen also where other machines reach it, although whoever does may do everything.
   bool without_protection = false;

@@ -24,7 +24,7 @@ TEST(Daemon, DoesNotListenBeyondThisMachineUnlessToldSoInWords) {
   options = Options();
   options.http.address = "0.0.0.0:0";
   EXPECT_EQ(Daemon::Start(options).status().code(), absl::StatusCode::kFailedPrecondition);
-  options.serve_http = false;
+  options.no_http = true;
   EXPECT_TRUE(Daemon::Start(options).ok());
 }
 

@@ -1,6 +1,7 @@
 """A server of maps, as its users see it: cairnd, and cairn --server."""
 import json
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -116,6 +117,36 @@ class ServedMaps(unittest.TestCase):
         self.assertIn('--without-protection', refusal('--maps', self.maps, '--listen', '0.0.0.0:0'))
         self.assertIn('is it taken', refusal('--maps', self.maps, '--listen', self.server.address))
         self.assertIn('no directory', refusal('--maps', self.folder / 'nowhere'))
+
+    def test_settings(self):
+        config = self.folder / 'cairnd.yaml'
+
+        def check(text, *arguments):
+            config.write_text(text)
+            done = subprocess.run([DAEMON, '--config', config, '--check-config', *arguments], capture_output=True, text=True, timeout=20)
+            return done.returncode, done.stdout + done.stderr
+        self.assertEqual(check(f'maps: {self.maps}\nmemory_mb: 100\n')[0], 0)
+        code, said = check(f'maps: {self.maps}\nmemroy_mb: 100\n')
+        self.assertEqual(code, 2)
+        self.assertIn('cairnd.yaml:2: unknown key `memroy_mb`', said)
+        self.assertEqual(check('memory_mb: 100\n')[0], 2, 'no directory')
+        self.assertEqual(check('memory_mb: 100\n', '--maps', str(self.maps))[0], 0)
+        self.assertEqual(check(f'maps: {self.maps}\nlisten: 0.0.0.0:1\n')[0], 1)
+        self.assertEqual(check(f'maps: {self.maps}\nlisten: 0.0.0.0:1\n', '--listen', '127.0.0.1:1')[0], 0, 'options count more')
+        shipped = pathlib.Path(__file__).resolve().parents[2] / 'server/daemon/cairnd.yaml'
+        everything = shipped.read_text().replace('# ', '').split('\n\n', 1)[1]
+        self.assertEqual(check(everything)[0], 0, 'what the example shows as standards')
+
+    def test_the_unit_of_systemd(self):
+        unit = pathlib.Path(DAEMON).parents[1] / 'server/daemon/cairnd.service'
+        if not shutil.which('systemd-analyze'):
+            self.skipTest('there is no systemd-analyze')
+        text = re.sub(r'ExecStart=\S+', f'ExecStart={DAEMON}', unit.read_text())
+        text = re.sub(r'Documentation=.*', '', text)
+        copied = self.folder / 'cairnd.service'
+        copied.write_text(text)
+        done = subprocess.run(['systemd-analyze', 'verify', copied], capture_output=True, text=True, timeout=60)
+        self.assertNotIn('cairnd.service', done.stderr)
 
     def test_stops_in_order(self):
         for sent in (signal.SIGTERM, signal.SIGINT):

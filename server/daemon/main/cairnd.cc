@@ -8,12 +8,15 @@
 #include <cstdlib>
 #include <cstring>
 #include <iostream>
+#include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 
+#include "absl/strings/str_replace.h"
 #include "base/guarded.h"
 #include "base/version.h"
 #include "server/daemon/daemon.h"
+#include "server/daemon/settings.h"
 
 namespace cairn::server {
 namespace {
@@ -21,7 +24,7 @@ namespace {
 // As those of `cairn`.
 enum ExitCode { kOk = 0, kFailure = 1, kUsage = 2 };
 
-constexpr std::chrono::seconds kGrace(3);
+constexpr std::chrono::seconds kGrace(2);
 
 // Signals that end the server, kept from all threads: they are waited for.
 sigset_t EndingSignals() {
@@ -32,46 +35,56 @@ sigset_t EndingSignals() {
   return signals;
 }
 
-void AddOptions(CLI::App& app, DaemonOptions* options) {
-  app.add_option("--maps", options->maps.directory, "Directory of the maps: NAME.cairn is served as NAME")->required();
-  app.add_option("--listen", options->grpc.address, "HOST:PORT or unix:/path for gRPC; port 0: any that is free")
-      ->capture_default_str();
-  app.add_option("--listen-http", options->http.address, "HOST:PORT for HTTP: REST, health, metrics")
-      ->capture_default_str();
-  app.add_flag("!--no-http", options->serve_http, "gRPC only");
-  app.add_flag("--without-protection", options->without_protection,
-               "Listen also where other machines reach it: everyone who does may do everything");
-  app.add_option_function<double>(
-         "--memory-mb",
-         [options](double mb) { options->maps.memory_budget_bytes = static_cast<std::int64_t>(1e6 * mb); },
-         "Of all open maps together, roughly; those used longest ago are closed first")
-      ->default_str("4000")
-      ->check(CLI::NonNegativeNumber);
-  app.add_option("--idle-close-s", options->maps.idle_close_s, "A map that nobody has asked for so long is closed")
-      ->capture_default_str();
-  app.add_option("--max-sessions", options->maps.max_sessions, "Sessions at the same time")->capture_default_str();
-  app.add_option("--session-wait-s", options->maps.session_wait_s,
-                 "A session whose client is cut off waits so long for it, and is then finished")
-      ->capture_default_str();
-  app.add_option("--workers", options->maps.workers,
-                 "Images that are located at the same time (0: as many as processors)")
-      ->capture_default_str();
+// What the command line says: the text of each setting that it gives.
+struct CommandLine {
+  std::string config;
+  bool check_config = false;
+  std::map<std::string, std::string> texts;
+};
+
+void AddOptions(CLI::App& app, const std::vector<Setting>& settings, CommandLine* line) {
+  app.add_option("--config", line->config,
+                 "File of settings (cairnd.yaml); each is an option here, too, which counts more");
+  app.add_flag("--check-config", line->check_config, "Say whether the settings are right, and end");
+  for (const Setting& setting : settings) {
+    const std::string option = "--" + absl::StrReplaceAll(setting.key, {{"_", "-"}});
+    const auto given = [line, key = setting.key](const std::string& text) { line->texts[key] = text; };
+    if (setting.is_flag) {
+      app.add_flag_callback(
+          option, [given] { given("true"); }, setting.help);
+    } else {
+      app.add_option_function<std::string>(option, given, setting.help)->default_str(setting.standard);
+    }
+  }
   app.footer(
       "Ends in order with SIGTERM or Ctrl-C.\n"
       "Examples:\n"
       "  cairnd --maps maps/\n"
+      "  cairnd --config cairnd.yaml --check-config\n"
       "  cairn --server localhost:7878 localize photo.jpg --camera camera.yaml --map office");
+}
+
+absl::Status Apply(const CommandLine& line, const std::vector<Setting>& settings) {
+  if (!line.config.empty()) CAIRN_RETURN_IF_ERROR(LoadSettings(line.config, settings));
+  for (const Setting& setting : settings) {
+    const auto text = line.texts.find(setting.key);
+    if (text == line.texts.end()) continue;
+    CAIRN_RETURN_IF_ERROR(Annotate(setting.set(text->second), setting.key));
+  }
+  return absl::OkStatus();
+}
+
+int Complain(const absl::Status& status) {
+  std::cerr << "cairnd: " << status.message() << "\n";
+  return absl::IsInvalidArgument(status) ? kUsage : kFailure;
 }
 
 int Serve(const DaemonOptions& options, const sigset_t& signals) {
   const absl::StatusOr<std::unique_ptr<Daemon>> daemon = Daemon::Start(options);
-  if (!daemon.ok()) {
-    std::cerr << "cairnd: " << daemon.status().message() << "\n";
-    return absl::IsInvalidArgument(daemon.status()) ? kUsage : kFailure;
-  }
+  if (!daemon.ok()) return Complain(daemon.status());
   std::cout << "cairnd " << kVersion << ": maps of " << options.maps.directory << ", gRPC on "
             << (*daemon)->grpc_address()
-            << (options.serve_http ? absl::StrCat(", HTTP on ", (*daemon)->http_address()) : "") << std::endl;
+            << (!options.no_http ? absl::StrCat(", HTTP on ", (*daemon)->http_address()) : "") << std::endl;
   if (!options.without_protection) {
     std::cout << "  only this machine reaches it; cairnd --help says how to go beyond" << std::endl;
   }
@@ -97,12 +110,21 @@ int Main(int argc, char** argv) {
   CLI::App app("Serves the maps of a directory: where is this camera?", "cairnd");
   app.set_version_flag("--version", std::string("cairnd ") + kVersion);
   DaemonOptions options;
-  AddOptions(app, &options);
+  const std::vector<Setting> settings = SettingsOf(&options);
+  CommandLine line;
+  AddOptions(app, settings, &line);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     const int code = app.exit(error);
     return code == 0 ? kOk : kUsage;
+  }
+  absl::Status status = Apply(line, settings);
+  if (status.ok()) status = options.Validate();
+  if (!status.ok()) return Complain(status);
+  if (line.check_config) {
+    std::cout << "the settings are right\n";
+    return kOk;
   }
   return Serve(options, signals);
 }

@@ -1,0 +1,97 @@
+#include "server/daemon/settings.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_join.h"
+#include "io/yaml_file.h"
+
+namespace cairn::server {
+namespace {
+
+Setting Text(std::string key, std::string help, std::string* value) {
+  return {std::move(key), std::move(help), false, *value, [value](absl::string_view text) {
+            *value = std::string(text);
+            return absl::OkStatus();
+          }};
+}
+
+Setting Flag(std::string key, std::string help, bool* value) {
+  return {std::move(key), std::move(help), true, *value ? "true" : "false", [value](absl::string_view text) {
+            return absl::SimpleAtob(text, value) ? absl::OkStatus()
+                                                 : absl::InvalidArgumentError("must be true or false");
+          }};
+}
+
+// A number that is kept as `factor` times what is written.
+template <class Number>
+Setting Quantity(std::string key, std::string help, Number* value, double factor = 1.0) {
+  return {std::move(key), std::move(help), false, absl::StrCat(static_cast<double>(*value) / factor),
+          [value, factor](absl::string_view text) {
+            double number = 0.0;
+            if (!absl::SimpleAtod(text, &number) || !std::isfinite(number) || std::abs(number * factor) > 9e15) {
+              return absl::InvalidArgumentError("must be a number");
+            }
+            number *= factor;
+            if (std::is_integral_v<Number> && (number != std::round(number) || std::abs(number) > 2e9) &&
+                sizeof(Number) < 8) {
+              return absl::InvalidArgumentError("must be a whole number");
+            }
+            *value = static_cast<Number>(number);
+            return absl::OkStatus();
+          }};
+}
+
+std::string KeysOf(const std::vector<Setting>& settings) {
+  return absl::StrJoin(settings, ", ", [](std::string* out, const Setting& setting) { out->append(setting.key); });
+}
+
+}  // namespace
+
+std::vector<Setting> SettingsOf(DaemonOptions* options) {
+  host::MapHostOptions& maps = options->maps;
+  return {
+      Text("maps", "Directory of the maps: NAME.cairn is served as NAME", &maps.directory),
+      Text("listen", "HOST:PORT or unix:/path for gRPC; port 0: any that is free", &options->grpc.address),
+      Text("listen_http", "HOST:PORT for HTTP: REST, health, metrics", &options->http.address),
+      Flag("no_http", "gRPC only", &options->no_http),
+      Flag("without_protection", "Listen also where other machines reach it: everyone who does may do everything",
+           &options->without_protection),
+      Quantity("memory_mb", "Of all open maps together, roughly; those used longest ago are closed first",
+               &maps.memory_budget_bytes, 1e6),
+      Quantity("idle_close_s", "A map that nobody has asked for so long is closed", &maps.idle_close_s),
+      Quantity("max_sessions", "Sessions at the same time", &maps.max_sessions),
+      Quantity("session_wait_s", "A session whose client is cut off waits so long for it, and is then finished",
+               &maps.session_wait_s),
+      Quantity("workers", "Images that are located at the same time (0: as many as processors)", &maps.workers),
+      Quantity("max_waiting", "Images that wait to be located; more are refused", &maps.max_waiting),
+      Quantity("max_calls", "Calls and streams over gRPC at the same time; more are refused",
+               &options->grpc.max_threads),
+      Quantity("max_http_connections", "Further ones are closed at once", &options->http.max_connections),
+      Quantity("max_message_mb", "That a client may send at once", &options->grpc.max_message_bytes, 1 << 20),
+      Quantity("max_image_megapixels", "Of an image; its header is checked before it is decoded",
+               &options->images.max_pixels, 1e6),
+  };
+}
+
+absl::Status LoadSettings(const std::string& path, const std::vector<Setting>& settings) {
+  CAIRN_ASSIGN_OR_RETURN(const YAML::Node root, io::LoadYamlMap(path));
+  std::set<std::string> seen;
+  for (const auto& entry : root) {
+    const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "";
+    const auto setting = std::ranges::find(settings, key, &Setting::key);
+    if (setting == settings.end()) {
+      return io::YamlError(path, entry.first, absl::StrCat("unknown key `", key, "`; there are ", KeysOf(settings)));
+    }
+    if (!seen.insert(key).second) return io::YamlError(path, entry.first, absl::StrCat("`", key, "` is repeated"));
+    const absl::Status set =
+        entry.second.IsScalar() ? setting->set(entry.second.Scalar()) : absl::InvalidArgumentError("takes one value");
+    if (!set.ok()) return io::YamlError(path, entry.second, absl::StrCat("`", key, "` ", set.message()));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace cairn::server
