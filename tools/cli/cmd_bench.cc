@@ -1,6 +1,7 @@
 // cairn bench: how fast, and with how much memory.
 #include <cstdio>
 
+#include "cli/bench_server.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
 #include "cli/process_memory.h"
@@ -170,6 +171,7 @@ absl::Status BenchDirect(const BenchOptions& options) {
 void AddBenchCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("bench", "Measure speed and memory");
   verb->require_subcommand(1);
+  AddBenchServerCommand(app, verb, action);
   CLI::App* odometry = verb->add_subcommand(
       "direct", "The direct odometry: time per stage, speed against real time, frames dropped, peak memory");
   auto options = std::make_shared<BenchOptions>();
