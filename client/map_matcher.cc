@@ -70,7 +70,7 @@ absl::StatusOr<ImageFeatures> MapMatcher::Extract(const tracking::MapView& view,
   const int wanted = all ? most : std::min(most, options_.num_features_followed);
   CAIRN_ASSIGN_OR_RETURN(image.features, extractor.Extract(undistorted, wanted));
   image.in_image = image.features.keypoints;
-  CorrectLens(view.map(), *undistorter_, &image.features);
+  CorrectLens(view.map(), undistorter_->camera(), undistorter_->pinhole(), &image.features);
   return image;
 }
 
@@ -138,23 +138,23 @@ absl::StatusOr<Sighting> MapMatcher::Find(const tracking::MapView& view, const I
   // Many more points are seen than those that told the place.
   Expectation expected;
   std::vector<double> depths;
-  for (const tracking::PointObservation& inlier : found.inliers) {
+  for (const tracking::PointObservation& inlier : found.place.inliers) {
     expected.place.seen.push_back(inlier.point);
-    depths.push_back((found.camera_from_map * map.point(inlier.point).position).z());
+    depths.push_back((found.place.camera_from_map * map.point(inlier.point).position).z());
   }
-  expected.place.map_from_camera = found.camera_from_map.Inverse();
-  expected.place.reference = found.reference_keyframe;
-  expected.place.component = map.keyframe(found.reference_keyframe).component;
+  expected.place.map_from_camera = found.place.camera_from_map.Inverse();
+  expected.place.reference = found.place.reference_keyframe;
+  expected.place.component = map.keyframe(found.place.reference_keyframe).component;
   expected.place.median_depth = Median(depths);
   sighting = Match(view, image, expected);
-  if (sighting.found && sighting.inliers >= static_cast<int>(found.inliers.size()) / 2) return sighting;
+  if (sighting.found && sighting.inliers >= static_cast<int>(found.place.inliers.size()) / 2) return sighting;
   sighting = {};
   sighting.found = true;
   sighting.place = std::move(expected.place);
-  sighting.covariance = found.covariance;
-  sighting.inliers = static_cast<int>(found.inliers.size());
-  for (std::size_t i = 0; i < found.inliers.size(); ++i) {
-    const image::Keypoint& keypoint = image.in_image[found.inliers[i].feature];
+  sighting.covariance = found.place.covariance;
+  sighting.inliers = static_cast<int>(found.place.inliers.size());
+  for (std::size_t i = 0; i < found.place.inliers.size(); ++i) {
+    const image::Keypoint& keypoint = image.in_image[found.place.inliers[i].feature];
     if (depths[i] > 0.0) {
       sighting.depths.push_back({keypoint.x_px, keypoint.y_px, static_cast<float>(1.0 / depths[i]), 0.0f});
     }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <vector>
 
 #include "api/localizer.h"
 #include "base/status.h"
@@ -16,8 +17,24 @@ namespace cairn::client {
 // InvalidArgument, behind `who`: not CV_8UC1, empty, or of another size than the camera.
 absl::Status CheckImage(const cv::Mat& image, const Camera& camera, const char* who);
 
+// At which scales to look for an undistorted image in the map, the likeliest first: where its pixels are much finer
+// than those of the map's cameras it is reduced to theirs, as what it shows beyond that the map does not know; at full
+// size only as a second try, as a long lens sees from afar what they saw from near.
+std::vector<double> ScalesFor(const map::Snapshot& map, const Pinhole& pinhole);
+
+// Features of an undistorted image, and the pinhole in whose pixels they are.
+struct QueryFeatures {
+  image::Features features;
+  Pinhole pinhole;
+  api::LensUse lens = api::LensUse::kNone;
+};
+// At most `num_features` of them, or as many as the map's keyframes have if that is 0.
+absl::StatusOr<QueryFeatures> ExtractQuery(const map::Snapshot& map, const image::Undistorter& undistorter,
+                                           const cv::Mat& undistorted, double scale, int num_features);
+
 // A camera that the map knows, by its calibration, and whose lens a session has corrected (map/lens.h): that of a query
-// with the same calibration is the same.
-api::LensUse CorrectLens(const map::Snapshot& map, const image::Undistorter& undistorter, image::Features* features);
+// with the same calibration, be it at another resolution, is the same. `pinhole` is of the keypoints.
+api::LensUse CorrectLens(const map::Snapshot& map, const Camera& camera, const Pinhole& pinhole,
+                         image::Features* features);
 
 }  // namespace cairn::client

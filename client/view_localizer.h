@@ -7,6 +7,7 @@
 
 #include "api/localizer.h"
 #include "image/undistort.h"
+#include "tracking/map_error.h"
 #include "tracking/map_view.h"
 #include "tracking/relocalizer.h"
 
@@ -14,6 +15,7 @@ namespace cairn::client {
 
 struct LocalLocalizerOptions {
   tracking::RelocalizerOptions relocalizer;
+  tracking::MapErrorOptions map_error;
   int num_features = 0;  // per query image; 0: as many as the map's keyframes were made with
 
   absl::Status Validate() const;

@@ -14,6 +14,8 @@ const char* LocalizeStageName(LocalizeStage stage) {
       return "PnP inliers";
     case LocalizeStage::kRefinement:
       return "refinement";
+    case LocalizeStage::kRivals:
+      return "rivals";
     case LocalizeStage::kDone:
       return "done";
   }

@@ -1,5 +1,6 @@
 #include "map/camera_identity.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace cairn::map {
@@ -29,6 +30,26 @@ bool SameCalibration(const Camera& a, const Camera& b) {
     }
   }
   return true;
+}
+
+bool SameLens(const Camera& a, const Camera& b) {
+  if (SameCalibration(a, b)) return true;
+  const double x = static_cast<double>(b.width_px) / a.width_px, y = static_cast<double>(b.height_px) / a.height_px;
+  // Whole pixels of the smaller one.
+  if (std::abs(x - y) * std::min(a.height_px, b.height_px) > std::max(x, y)) return false;
+  Camera resized = a;
+  resized.width_px = b.width_px;
+  resized.height_px = b.height_px;
+  resized.fx_px *= x;
+  resized.fy_px *= y;
+  resized.cx_px = x * (a.cx_px + 0.5) - 0.5;
+  resized.cy_px = y * (a.cy_px + 0.5) - 0.5;
+  if (std::abs(resized.cx_px - b.cx_px) > std::max(1.0, x) || std::abs(resized.cy_px - b.cy_px) > std::max(1.0, y)) {
+    return false;
+  }
+  resized.cx_px = b.cx_px;
+  resized.cy_px = b.cy_px;
+  return SameCalibration(resized, b);
 }
 
 }  // namespace cairn::map

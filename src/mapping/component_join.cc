@@ -129,7 +129,9 @@ absl::StatusOr<ComponentJoiner> ComponentJoiner::Create(const JoinOptions& optio
   return ComponentJoiner(options);
 }
 
-ComponentJoiner::ComponentJoiner(const JoinOptions& options) : options_(options) {}
+// Rivals are a matter of several findings here (IsRivalled).
+ComponentJoiner::ComponentJoiner(const JoinOptions& options)
+    : options_(options), relocalizer_(tracking::RelocalizerOptions::WithoutRivals()) {}
 
 absl::StatusOr<ComponentJoiner::Sighting> ComponentJoiner::Look(const tracking::MapView& view,
                                                                 const map::Keyframe& keyframe) const {
@@ -140,15 +142,15 @@ absl::StatusOr<ComponentJoiner::Sighting> ComponentJoiner::Look(const tracking::
   CAIRN_ASSIGN_OR_RETURN(
       const tracking::Relocalization found,
       relocalizer_.Relocalize(map, *view.places(), map.pinhole(keyframe.camera), keyframe.features->features,
-                              {.only = {}, .except = keyframe.component}));
+                              tracking::SearchArea::Except(keyframe.component)));
   if (!found.localized) return sighting;
-  sighting.other = map.keyframe(found.reference_keyframe).component;
-  sighting.camera_from_other = found.camera_from_map;
-  sighting.reference = found.reference_keyframe;
+  sighting.other = map.keyframe(found.place.reference_keyframe).component;
+  sighting.camera_from_other = found.place.camera_from_map;
+  sighting.reference = found.place.reference_keyframe;
   std::vector<double> depths;
-  for (const tracking::PointObservation& inlier : found.inliers) {
+  for (const tracking::PointObservation& inlier : found.place.inliers) {
     sighting.matches.push_back({inlier.feature, inlier.point});
-    depths.push_back((found.camera_from_map * map.point(inlier.point).position).z());
+    depths.push_back((found.place.camera_from_map * map.point(inlier.point).position).z());
   }
   sighting.median_depth = Median(std::move(depths));
   return sighting;

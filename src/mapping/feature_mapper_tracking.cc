@@ -74,16 +74,16 @@ absl::StatusOr<bool> FeatureMapper::Impl::Relocate(Current* current) {
   CpuStopwatch watch;
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
                          relocalizer_.Relocalize(*map_, *view_->places(), pinhole_, current->features->features,
-                                                 {.only = component_, .except = {}}));
+                                                 tracking::SearchArea::Only(component_)));
   bool tracked = false;
-  if (found.beyond_doubt && MayGoOnAt(found.reference_keyframe, current->packet)) {
+  if (found.beyond_doubt && MayGoOnAt(found.place.reference_keyframe, current->packet)) {
     std::vector<PointId> seen;
-    for (const auto& inlier : found.inliers) seen.push_back(inlier.point);
+    for (const auto& inlier : found.place.inliers) seen.push_back(inlier.point);
     const tracking::FeatureView view{pinhole_, current->features->features, current->grid};
     current->tracked = TrackLocalMap(*map_, view,
-                                     {.seed = {found.camera_from_map},
+                                     {.seed = {found.place.camera_from_map},
                                       .seen = seen,
-                                      .anchor = found.reference_keyframe,
+                                      .anchor = found.place.reference_keyframe,
                                       .median_depth = median_depth_},
                                      options_.tracker);
     tracked = current->tracked.tracked;
@@ -106,19 +106,19 @@ absl::StatusOr<std::optional<FeatureMapper::Found>> FeatureMapper::Impl::Locate(
   const image::FeatureGrid grid(features.keypoints, pinhole_.width_px, pinhole_.height_px);
   std::vector<PointId> seen;
   std::vector<double> depths;
-  for (const auto& inlier : found.inliers) {
+  for (const auto& inlier : found.place.inliers) {
     seen.push_back(inlier.point);
-    depths.push_back((found.camera_from_map * map_->point(inlier.point).position).z());
+    depths.push_back((found.place.camera_from_map * map_->point(inlier.point).position).z());
   }
   const tracking::TrackedView tracked = TrackLocalMap(*map_, {pinhole_, features, grid},
-                                                      {.seed = {found.camera_from_map},
+                                                      {.seed = {found.place.camera_from_map},
                                                        .seen = seen,
-                                                       .anchor = found.reference_keyframe,
+                                                       .anchor = found.place.reference_keyframe,
                                                        .median_depth = Median(depths)},
                                                       options_.tracker);
   if (!tracked.tracked) return std::nullopt;
   Found result;
-  result.component = map_->keyframe(found.reference_keyframe).component;
+  result.component = map_->keyframe(found.place.reference_keyframe).component;
   direct::KnownView& view = result.view;
   view.frame_index = frame.index;
   for (std::size_t i = 0; i < tracked.points.size(); ++i) {

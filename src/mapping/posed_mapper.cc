@@ -277,20 +277,21 @@ absl::Status PosedMapper::Impl::CheckAgainstMap(PosedMapperReport* report) const
   const std::shared_ptr<const tracking::MapView> view = head_->View();
   if (view->places() == nullptr) return absl::OkStatus();
   const LoopOptions same;  // what counts as the same pose where a place is proven
-  const tracking::Relocalizer relocalizer;
+  // The poses are known: what looks alike elsewhere is found out below.
+  const tracking::Relocalizer relocalizer(tracking::RelocalizerOptions::WithoutRivals());
   std::vector<double> gaps;
   for (std::size_t i = 0; i < views_.size(); i += views_.size() / kMostViews + 1) {
     const map::Keyframe& keyframe = views_[i].keyframe;
     CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
                            relocalizer.Relocalize(*map_, *view->places(), pinhole_, keyframe.features->features,
-                                                  {.only = component_, .except = {}}));
+                                                  tracking::SearchArea::Only(component_)));
     if (!found.localized) continue;
     ++report->found_in_map;
     std::vector<double> depths;
-    for (const tracking::PointObservation& inlier : found.inliers) {
-      depths.push_back((found.camera_from_map * map_->point(inlier.point).position).z());
+    for (const tracking::PointObservation& inlier : found.place.inliers) {
+      depths.push_back((found.place.camera_from_map * map_->point(inlier.point).position).z());
     }
-    const SE3 difference = keyframe.camera_from_map * found.camera_from_map.Inverse();
+    const SE3 difference = keyframe.camera_from_map * found.place.camera_from_map.Inverse();
     const double gap = difference.translation().norm();
     if (gap > same.max_neighbour_shift * Median(std::move(depths)) ||
         AngleRad(difference.rotation()) > same.max_neighbour_turn_deg * kRadPerDeg) {

@@ -1,9 +1,10 @@
 #include "tracking/group_matcher.h"
 
 #include <algorithm>
+#include <bit>
 #include <limits>
-#include <numeric>
-#include <unordered_map>
+#include <optional>
+#include <utility>
 
 #include "image/hamming.h"
 #include "image/matching.h"
@@ -21,32 +22,56 @@ struct ObservationTable {
   std::vector<const map::MapPoint*> points;
 };
 
+// Rows of points, found by id: a hash table with linear probing, as the lookup per observation counts.
+class PointRows {
+ public:
+  explicit PointRows(std::size_t most) : slots_(std::bit_ceil(2 * most + 2)) {}
+
+  // The row of a point; `next` is the one that it gets if it is new.
+  std::uint32_t RowOf(PointId id, std::uint32_t next) {
+    std::size_t slot = id.value() * kMultiplier % slots_.size();
+    while (slots_[slot].first && slots_[slot].first != id) slot = (slot + 1) % slots_.size();
+    if (!slots_[slot].first) slots_[slot] = {id, next};
+    return slots_[slot].second;
+  }
+
+ private:
+  static constexpr std::size_t kMultiplier = 0x9E3779B1u;  // Knuth's, of neighbouring ids far apart
+  std::vector<std::pair<PointId, std::uint32_t>> slots_;
+};
+
 ObservationTable Collect(const map::Snapshot& map, const PlaceIndex& places, std::span<const KeyframeId> group) {
   struct Row {
-    place::NodeId node;
     const map::Keyframe* keyframe;
     std::uint32_t feature;
     std::uint32_t point;
   };
+  std::size_t most = 0;
+  for (const KeyframeId id : group) most += places.NodesOf(id).size();
   std::vector<Row> rows;
+  std::vector<std::pair<place::NodeId, std::uint32_t>> order;  // node and row
+  rows.reserve(most);
+  order.reserve(most);
   ObservationTable table;
-  std::unordered_map<PointId, std::uint32_t> index_of;
+  PointRows rows_of_points(most);
   for (const KeyframeId id : group) {
     const map::Keyframe* keyframe = map.keyframes().Find(id);
     const auto nodes = places.NodesOf(id);
     if (keyframe == nullptr || nodes.size() != keyframe->points.size()) continue;
     for (std::uint32_t i = 0; i < nodes.size(); ++i) {
       if (!keyframe->points[i]) continue;
-      const map::MapPoint* point = map.points().Find(keyframe->points[i]);
-      if (point == nullptr) continue;
-      const auto [entry, is_new] = index_of.try_emplace(point->id, static_cast<std::uint32_t>(table.points.size()));
-      if (is_new) table.points.push_back(point);
-      rows.push_back({nodes[i], keyframe, i, entry->second});
+      const auto next = static_cast<std::uint32_t>(table.points.size());
+      const std::uint32_t row = rows_of_points.RowOf(keyframe->points[i], next);
+      if (row == next) table.points.push_back(map.points().Find(keyframe->points[i]));
+      if (table.points[row] == nullptr) continue;
+      order.emplace_back(nodes[i], static_cast<std::uint32_t>(rows.size()));
+      rows.push_back({keyframe, i, row});
     }
   }
-  std::stable_sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) { return a.node < b.node; });
-  for (const Row& row : rows) {
-    table.node.push_back(row.node);
+  std::sort(order.begin(), order.end());
+  for (const auto& [node, i] : order) {
+    const Row& row = rows[i];
+    table.node.push_back(node);
     table.descriptor.push_back(row.keyframe->descriptors()[row.feature]);
     table.point.push_back(row.point);
     table.angle_rad.push_back(row.keyframe->keypoints()[row.feature].angle_rad);
@@ -60,25 +85,32 @@ struct Nearest {
   int other_distance = 257;  // of the best point at another place
 };
 
-// Of the rows from `begin` on, whose distances are given. Nothing farther than `max_distance` counts as nearest.
-Nearest FindNearest(const ObservationTable& table, std::size_t begin, std::span<const std::uint16_t> distances,
-                    int max_distance, const Vector3d& group_center, double same_place) {
+float RatioOf(int distance, int other_distance) {
+  return static_cast<float>(distance) / static_cast<float>(other_distance);
+}
+
+// Of the rows from `begin` on, whose distances are given; no answer where the nearest is too far, or another place
+// nearly as near.
+std::optional<Nearest> FindNearest(const ObservationTable& table, std::size_t begin,
+                                   std::span<const std::uint16_t> distances, const Vector3d& group_center,
+                                   const GroupMatchOptions& options) {
   Nearest best;
   // Signed 16-bit minima are one SSE2 instruction per eight: this loop is what most of the time goes to.
   std::int16_t least = std::numeric_limits<std::int16_t>::max();
   for (const std::uint16_t distance : distances) least = std::min(least, static_cast<std::int16_t>(distance));
-  if (least > max_distance) return best;
+  if (least > options.max_distance) return std::nullopt;
   best.distance = least;
   const auto nearest = std::find(distances.begin(), distances.end(), static_cast<std::uint16_t>(least));
   best.row = static_cast<std::uint32_t>(begin + static_cast<std::size_t>(nearest - distances.begin()));
   const std::uint32_t best_point = table.point[best.row];
   const Vector3d& position = table.points[best_point]->position;
-  const double near = same_place * (position - group_center).norm();
+  const double near = options.same_place * (position - group_center).norm();
   for (std::size_t i = 0; i < distances.size(); ++i) {
     if (distances[i] >= best.other_distance) continue;
     const std::uint32_t point = table.point[begin + i];
     if (point == best_point || (table.points[point]->position - position).squaredNorm() < near * near) continue;
     best.other_distance = distances[i];
+    if (options.max_ratio < 1.0 && RatioOf(best.distance, best.other_distance) > options.max_ratio) return std::nullopt;
   }
   return best;
 }
@@ -129,14 +161,13 @@ std::vector<GroupMatch> MatchGroup(const map::Snapshot& map, const PlaceIndex& p
     const auto begin = static_cast<std::size_t>(first - table.node.begin());
     distances.resize(static_cast<std::size_t>(last - first));
     image::HammingDistances(query.descriptors[feature], &table.descriptor[begin], distances.size(), distances.data());
-    const Nearest nearest = FindNearest(table, begin, distances, options.max_distance, center, options.same_place);
-    if (nearest.distance > 256) continue;
-    const float ratio = static_cast<float>(nearest.distance) / static_cast<float>(nearest.other_distance);
-    if (options.max_ratio < 1.0 && ratio > options.max_ratio) continue;
-    GroupMatch& holder = best_of_point[table.point[nearest.row]];
-    if (holder.point && holder.distance <= nearest.distance) continue;
-    holder = {feature, table.points[table.point[nearest.row]]->id, nearest.distance, ratio};
-    row_of_point[table.point[nearest.row]] = nearest.row;
+    const std::optional<Nearest> nearest = FindNearest(table, begin, distances, center, options);
+    if (!nearest) continue;
+    const std::uint32_t point = table.point[nearest->row];
+    GroupMatch& holder = best_of_point[point];
+    if (holder.point && holder.distance <= nearest->distance) continue;
+    holder = {feature, table.points[point]->id, nearest->distance, RatioOf(nearest->distance, nearest->other_distance)};
+    row_of_point[point] = nearest->row;
   }
 
   std::vector<GroupMatch> matches;

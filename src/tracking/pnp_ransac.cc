@@ -23,6 +23,7 @@ class Ransac {
       : pinhole_(pinhole), matches_(matches), options_(options), random_(options.seed) {
     for (const PoseObservation& match : matches) {
       rays_.push_back(pinhole.Unproject(match.pixel).normalized());
+      precision_.push_back(1.0 / (match.sigma_px * match.sigma_px));
     }
   }
 
@@ -46,18 +47,25 @@ class Ransac {
     solution.camera_from_map = best_;
     solution.num_inliers = best_inliers_;
     solution.found = best_inliers_ >= options_.min_inliers;
-    for (const PoseObservation& match : matches_) {
-      solution.inlier.push_back(best_inliers_ > 0 && ChiSquare(best_, match) <= options_.chi2_threshold ? 1 : 0);
+    const Transform best(best_);
+    for (std::size_t i = 0; i < matches_.size(); ++i) {
+      solution.inlier.push_back(best_inliers_ > 0 && ChiSquare(best, i) <= options_.chi2_threshold ? 1 : 0);
     }
     return solution;
   }
 
  private:
-  double ChiSquare(const SE3& pose, const PoseObservation& match) const {
-    const Vector3d point_c = pose * match.point;
+  // A pose with its rotation as a matrix, which is what moves many points.
+  struct Transform {
+    explicit Transform(const SE3& pose) : rotation(pose.RotationMatrix()), translation(pose.translation()) {}
+    Matrix3d rotation;
+    Vector3d translation;
+  };
+
+  double ChiSquare(const Transform& pose, std::size_t i) const {
+    const Vector3d point_c = pose.rotation * matches_[i].point + pose.translation;
     if (!optimization::InFront(point_c)) return 1e9;
-    return optimization::ReprojectionResidual(pinhole_, point_c, match.pixel).squaredNorm() /
-           (match.sigma_px * match.sigma_px);
+    return optimization::ReprojectionResidual(pinhole_, point_c, matches_[i].pixel).squaredNorm() * precision_[i];
   }
 
   // False if the sample is degenerate: nearly collinear rays or points.
@@ -91,9 +99,10 @@ class Ransac {
     double score = 0.0;
     int inliers = 0;
     double possible = options_.chi2_threshold * static_cast<double>(matches_.size());  // of all that are left
-    for (const PoseObservation& match : matches_) {
+    const Transform transform(pose);
+    for (std::size_t i = 0; i < matches_.size(); ++i) {
       possible -= options_.chi2_threshold;
-      const double chi2 = ChiSquare(pose, match);
+      const double chi2 = ChiSquare(transform, i);
       if (chi2 <= options_.chi2_threshold) {
         score += options_.chi2_threshold - chi2;
         ++inliers;
@@ -113,9 +122,10 @@ class Ransac {
     if (polished_ >= kLocalOptimizations || best_inliers_ < 5) return;
     ++polished_;
     std::vector<PoseObservation> inliers;
-    for (const PoseObservation& match : matches_) {
+    const Transform best(best_);
+    for (std::size_t i = 0; i < matches_.size(); ++i) {
       // Somewhat farther ones too: a pose from three noisy points is not exact.
-      if (ChiSquare(best_, match) <= 2.0 * options_.chi2_threshold) inliers.push_back(match);
+      if (ChiSquare(best, i) <= 2.0 * options_.chi2_threshold) inliers.push_back(matches_[i]);
     }
     optimization::PoseRefinementOptions refinement;
     refinement.rounds = 2;
@@ -136,7 +146,8 @@ class Ransac {
   std::span<const PoseObservation> matches_;
   const PnpOptions& options_;
   Random random_;
-  std::vector<Vector3d> rays_;  // unit
+  std::vector<Vector3d> rays_;     // unit
+  std::vector<double> precision_;  // 1 / sigma_px^2
   SE3 best_;
   double best_score_ = 0.0;
   int best_inliers_ = 0;

@@ -56,16 +56,16 @@ TEST(Relocalizer, FindsCamerasInBothRooms) {
     const Relocalization answer = Locate(scene, scene.See(truth, 100 + i).features);
     ASSERT_TRUE(answer.localized) << i << ": " << answer.reason;
     EXPECT_EQ(answer.stage, RelocalizationStage::kDone);
-    EXPECT_LT(CenterError(answer.camera_from_map, truth), 0.02);
-    EXPECT_LT(RotationErrorDeg(answer.camera_from_map, truth), 0.3);
-    EXPECT_EQ(answer.reference_keyframe.value() > 12, second);
-    EXPECT_EQ(answer.counts.inliers, static_cast<int>(answer.inliers.size()));
+    EXPECT_LT(CenterError(answer.place.camera_from_map, truth), 0.02);
+    EXPECT_LT(RotationErrorDeg(answer.place.camera_from_map, truth), 0.3);
+    EXPECT_EQ(answer.place.reference_keyframe.value() > 12, second);
+    EXPECT_EQ(answer.counts.inliers, static_cast<int>(answer.place.inliers.size()));
     EXPECT_GE(answer.counts.inliers, 50);
     EXPECT_GT(answer.counts.visible, answer.counts.inliers);
     EXPECT_GT(answer.counts.candidates, 0);
     // The error is what the covariance says, within reason.
-    const Vector6d error = (answer.camera_from_map.Inverse() * truth).Log();
-    EXPECT_LT(error.dot(answer.covariance.ldlt().solve(error)), 60.0);
+    const Vector6d error = (answer.place.camera_from_map.Inverse() * truth).Log();
+    EXPECT_LT(error.dot(answer.place.covariance.ldlt().solve(error)), 60.0);
   }
 }
 
@@ -74,9 +74,9 @@ TEST(Relocalizer, SameInputSameAnswer) {
   const View view = scene.See(Look({0.4, 0.1, -1.5}, 0.1), 5);
   const Relocalization a = Locate(scene, view.features), b = Locate(scene, view.features);
   ASSERT_TRUE(a.localized);
-  EXPECT_EQ(a.camera_from_map.translation(), b.camera_from_map.translation());
-  EXPECT_EQ(a.camera_from_map.rotation().coeffs(), b.camera_from_map.rotation().coeffs());
-  EXPECT_EQ(a.covariance, b.covariance);
+  EXPECT_EQ(a.place.camera_from_map.translation(), b.place.camera_from_map.translation());
+  EXPECT_EQ(a.place.camera_from_map.rotation().coeffs(), b.place.camera_from_map.rotation().coeffs());
+  EXPECT_EQ(a.place.covariance, b.place.covariance);
 }
 
 TEST(Relocalizer, ACameraWithAnotherLensIsFine) {
@@ -90,7 +90,7 @@ TEST(Relocalizer, ACameraWithAnotherLensIsFine) {
   const auto answer = Relocalizer().Relocalize(*scene.map, *scene.places, other, view.features);
   ASSERT_TRUE(answer.ok());
   ASSERT_TRUE(answer->localized) << answer->reason;
-  EXPECT_LT(CenterError(answer->camera_from_map, truth), 0.02);
+  EXPECT_LT(CenterError(answer->place.camera_from_map, truth), 0.02);
 }
 
 TEST(Relocalizer, SaysWhichStageFailed) {
@@ -221,7 +221,7 @@ TEST(MapView, FollowsTheMapByDeltas) {
   const auto a = Relocalizer().Relocalize((*after)->map(), *(*after)->places(), kPinhole, view.features);
   const auto b = Relocalizer().Relocalize((*anew)->map(), *(*anew)->places(), kPinhole, view.features);
   ASSERT_TRUE(a.ok() && b.ok() && a->localized);
-  EXPECT_EQ(a->camera_from_map.translation(), b->camera_from_map.translation());
+  EXPECT_EQ(a->place.camera_from_map.translation(), b->place.camera_from_map.translation());
 }
 
 // A change that was not to be (its store failed) leaves traces in what the indices share; they count for nobody.
@@ -251,8 +251,8 @@ TEST(Relocalizer, LooksOnlyWhereItIsTold) {
   const auto located = [&](SearchArea area) {
     return Relocalizer().Relocalize(*scene.map, *scene.places, kPinhole, view.features, area)->localized;
   };
-  EXPECT_TRUE(located({.only = here, .except = {}}));
-  EXPECT_FALSE(located({.only = {}, .except = here}));
+  EXPECT_TRUE(located(tracking::SearchArea::Only(here)));
+  EXPECT_FALSE(located(tracking::SearchArea::Except(here)));
 }
 
 TEST(PlaceIndex, RejectsAnotherVocabulary) {

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
+#include <numbers>
 
 #include "api/localizer.h"
 #include "base/files.h"
@@ -38,30 +39,47 @@ struct LocalizeOptions {
 };
 
 // Of the camera's centre in the world frame. The covariance is of a left increment, which turns about the origin.
-double PositionSigma(const api::LocalizeAnswer& answer) {
+double PositionSigma(const api::LocatedPose& answer) {
   Eigen::Matrix<double, 3, 6> by_increment;
   by_increment << Matrix3d::Identity(), -Hat(answer.map_from_camera.translation());
   return answer.world_per_map * std::sqrt((by_increment * answer.covariance * by_increment.transpose()).trace());
 }
 
-bool InWorld(const api::LocalizeAnswer& answer) { return answer.world_is_metric; }
+double RotationSigmaDeg(const api::LocatedPose& answer) {
+  return std::sqrt(answer.covariance.bottomRightCorner<3, 3>().trace()) * 180.0 / std::numbers::pi;
+}
+
+bool InWorld(const api::LocatedPose& answer) { return answer.world_is_metric; }
+
+void AddPose(const api::LocatedPose& answer, nlohmann::ordered_json* json) {
+  const SE3& pose = InWorld(answer) ? answer.world_from_camera : answer.map_from_camera;
+  const Vector3d& t = pose.translation();
+  const Quaterniond& q = pose.rotation();
+  AddFrameAndUnit(InWorld(answer), json);
+  (*json)["position"] = {t.x(), t.y(), t.z()};
+  (*json)["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
+  (*json)["position_sigma"] = PositionSigma(answer) / (InWorld(answer) ? 1.0 : answer.world_per_map);
+  (*json)["rotation_sigma_deg"] = RotationSigmaDeg(answer);
+  (*json)["reference_keyframe"] = answer.reference_keyframe.value();
+  (*json)["component"] = answer.component.value();
+}
 
 nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::string& path, TimeNs time_ns) {
   nlohmann::ordered_json json = {{"image", path}, {"time_s", ToSeconds(time_ns)}, {"localized", answer.localized}};
   if (answer.localized) {
-    const SE3& pose = InWorld(answer) ? answer.world_from_camera : answer.map_from_camera;
-    const Vector3d& t = pose.translation();
-    const Quaterniond& q = pose.rotation();
-    AddFrameAndUnit(InWorld(answer), &json);
-    json["position"] = {t.x(), t.y(), t.z()};
-    json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
-    json["position_sigma"] = PositionSigma(answer) / (InWorld(answer) ? 1.0 : answer.world_per_map);
-    json["reference_keyframe"] = answer.reference_keyframe.value();
-    json["component"] = answer.component.value();
+    AddPose(answer, &json);
     json["components"] = answer.components;
   } else {
     json["failed_stage"] = api::LocalizeStageName(answer.stage);
     json["reason"] = answer.reason;
+  }
+  if (!answer.rivals.empty()) {
+    json["ambiguous"] = nlohmann::ordered_json::array();
+    for (const api::LocatedPose& rival : answer.rivals) {
+      nlohmann::ordered_json pose = {{"inliers", rival.inliers}};
+      AddPose(rival, &pose);
+      json["ambiguous"].push_back(std::move(pose));
+    }
   }
   const api::LocalizeCounts& c = answer.counts;
   json["counts"] = {

@@ -1,0 +1,219 @@
+#include "tracking/pose_attempt.h"
+
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace cairn::tracking {
+namespace {
+
+using optimization::PoseObservation;
+
+constexpr double kViewMargin = 0.15;  // around the image, share of its width
+
+void Miss(RelocalizationStage stage, std::string reason, Relocalization* attempt) {
+  attempt->stage = stage;
+  attempt->reason = std::move(reason);
+}
+
+// The pose while guided search works on it, and what supports it.
+struct Estimate {
+  SE3 camera_from_map;
+  Matrix6d covariance = Matrix6d::Zero();  // of camera_from_map
+  std::vector<PointObservation> inliers;
+  MapFit fit;
+};
+
+std::vector<PointId> PointsOf(const std::vector<PointObservation>& observations) {
+  std::vector<PointId> points;
+  for (const PointObservation& observation : observations) points.push_back(observation.point);
+  return points;
+}
+
+ProjectionOptions GuidedProjection(const RelocalizerOptions& options, double radius_factor) {
+  ProjectionOptions projection;
+  projection.radius_factor = radius_factor;
+  projection.max_distance = options.guided_max_distance;
+  projection.max_ratio = options.guided_max_ratio;
+  projection.max_viewing_angle_deg = options.guided_max_viewing_angle_deg;
+  projection.distance_slack = options.guided_distance_slack;
+  return projection;
+}
+
+// The points of the local map that may be in view, with a margin for what the pose may still change.
+struct GuidedPoints {
+  std::vector<const map::MapPoint*> points;
+  DescriptorLists descriptors;
+};
+
+GuidedPoints PointsAround(const ImageQuery& query, const RelocalizerOptions& options, const Estimate& estimate) {
+  const LocalMap local = LocalMapOfPoints(query.map, PointsOf(estimate.inliers), options.local_map);
+  GuidedPoints around;
+  for (const map::MapPoint* point : local.points) {
+    const Vector3d point_c = estimate.camera_from_map * point->position;
+    if (!(point_c.z() > 1e-9)) continue;
+    if (!query.pinhole.Contains(query.pinhole.Project(point_c), -kViewMargin * query.pinhole.width_px)) continue;
+    around.points.push_back(point);
+  }
+  around.descriptors = ObservedDescriptors(query.map, around.points, options.descriptors_per_point);
+  return around;
+}
+
+// One round of guided search and refinement. False if the refinement fails.
+bool GuidedRound(const ImageQuery& query, const RelocalizerOptions& options, double radius_factor,
+                 const GuidedPoints& around, Estimate* estimate, RelocalizationCounts* counts) {
+  const ProjectionMatches found =
+      MatchByProjection({query.pinhole, query.features, query.grid}, estimate->camera_from_map, around.points,
+                        query.map.info().orb, GuidedProjection(options, radius_factor), {}, &around.descriptors);
+  counts->guided_matches = static_cast<int>(found.matches.size());
+  counts->visible = static_cast<int>(found.visible.size());
+
+  std::vector<PoseObservation> observations;
+  for (const PointMatch& match : found.matches) {
+    observations.push_back(query.Observation(around.points[match.point]->position, match.feature));
+  }
+  const auto refined = optimization::RefinePose(query.pinhole, estimate->camera_from_map, observations);
+  if (!refined.ok()) return false;
+  estimate->camera_from_map = refined->camera_from_map;
+  estimate->covariance = refined->covariance;
+  estimate->fit.residual_rms = std::sqrt(refined->chi2 / (2.0 * refined->num_inliers));
+  estimate->inliers.clear();
+  std::vector<double> depths;
+  std::array<bool, kRelocalizerCells * kRelocalizerCells> cell{}, visible_cell{};
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    if (!refined->inlier[i]) continue;
+    estimate->inliers.push_back({around.points[found.matches[i].point]->id, found.matches[i].feature});
+    depths.push_back((refined->camera_from_map * observations[i].point).z());
+    cell[query.Cell(observations[i].pixel)] = true;
+  }
+  std::nth_element(depths.begin(), depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2), depths.end());
+  estimate->fit.median_depth = depths[depths.size() / 2];
+  for (const std::uint32_t i : found.visible) {
+    const Vector3d point_c = estimate->camera_from_map * around.points[i]->position;
+    if (optimization::InFront(point_c)) visible_cell[query.Cell(query.pinhole.Project(point_c))] = true;
+  }
+  counts->cells = static_cast<int>(std::count(cell.begin(), cell.end(), true));
+  counts->visible_cells = static_cast<int>(std::count(visible_cell.begin(), visible_cell.end(), true));
+  counts->inliers = static_cast<int>(estimate->inliers.size());
+  return true;
+}
+
+// Empty if the evidence is enough, else what is missing.
+std::string Objection(const Estimate& estimate, const RelocalizationCounts& counts, const Matrix6d& covariance,
+                      const RelocalizerOptions& options) {
+  if (counts.inliers < options.min_inliers) {
+    return absl::StrCat(counts.inliers, " inliers of ", counts.visible, " points that should be in view, at least ",
+                        options.min_inliers, " needed");
+  }
+  // By cells and not by points: a crowd of points on one object must not pass for the whole view.
+  const int needed =
+      std::max(options.min_cells, static_cast<int>(std::ceil(options.min_support * counts.visible_cells)));
+  if (counts.cells < needed) {
+    return absl::StrCat(counts.inliers, " inliers lie in ", counts.cells, " of the ", counts.visible_cells,
+                        " cells of the image that should show points of the map, at least ", needed, " needed");
+  }
+  const double position_sigma = std::sqrt(covariance.topLeftCorner<3, 3>().trace()) / estimate.fit.median_depth;
+  if (!(position_sigma <= options.max_position_sigma)) {
+    return absl::StrCat("the matches leave the position uncertain by ", position_sigma, " of the depth of the scene, ",
+                        "at most ", options.max_position_sigma, " allowed");
+  }
+  const double rotation_sigma_deg = std::sqrt(covariance.bottomRightCorner<3, 3>().trace()) * 180.0 / std::numbers::pi;
+  if (!(rotation_sigma_deg <= options.max_rotation_sigma_deg)) {
+    return absl::StrCat("the matches leave the direction uncertain by ", rotation_sigma_deg, " degrees, at most ",
+                        options.max_rotation_sigma_deg, " allowed");
+  }
+  return "";
+}
+
+// Beyond doubt: enough inliers nearly everywhere where points should be in view. An answer that is accepted with less
+// may be one of several; then the other groups are tried, too.
+bool IsStrong(const RelocalizationCounts& counts, const RelocalizerOptions& options) {
+  return counts.inliers >= options.strong_inliers && counts.cells >= options.strong_support * counts.visible_cells;
+}
+
+KeyframeId ReferenceKeyframe(const map::Snapshot& map, const std::vector<PointObservation>& inliers) {
+  return LocalMapOfPoints(map, PointsOf(inliers),
+                          {.max_keyframes = 1, .neighbours_per_keyframe = 0, .tree_neighbours = false})
+      .reference();
+}
+
+// Guided search around the pose of PnP. False if a refinement fails.
+bool Guide(const ImageQuery& query, const RelocalizerOptions& options, Estimate* estimate,
+           RelocalizationCounts* counts) {
+  GuidedPoints around;
+  for (std::size_t round = 0; round < options.guided_radius_factors.size(); ++round) {
+    // The first round shows better than PnP what is in view; after the second that changes no more.
+    if (round < 2) around = PointsAround(query, options, *estimate);
+    if (!GuidedRound(query, options, options.guided_radius_factors[round], around, estimate, counts)) return false;
+  }
+  return true;
+}
+
+FoundPlace ToPlace(const ImageQuery& query, Estimate estimate) {
+  FoundPlace place;
+  place.camera_from_map = estimate.camera_from_map;
+  place.covariance = optimization::CovarianceOfInverse(estimate.camera_from_map, estimate.covariance);
+  place.fit = estimate.fit;
+  place.fit.inliers = static_cast<int>(estimate.inliers.size());
+  place.reference_keyframe = ReferenceKeyframe(query.map, estimate.inliers);
+  place.inliers = std::move(estimate.inliers);
+  return place;
+}
+
+}  // namespace
+
+absl::StatusOr<Relocalization> AttemptPose(const ImageQuery& query, KeyframeId founder,
+                                           std::span<const GroupMatch> matches, std::uint64_t number,
+                                           const RelocalizationCounts& counts, const RelocalizerOptions& options) {
+  Relocalization attempt;
+  attempt.counts = counts;
+  attempt.counts.word_matches = static_cast<int>(matches.size());
+  if (attempt.counts.word_matches < options.min_word_matches) {
+    Miss(RelocalizationStage::kMatches,
+         absl::StrCat(matches.size(), " matches with keyframe ", founder.value(), " and those around it, at least ",
+                      options.min_word_matches, " needed"),
+         &attempt);
+    return attempt;
+  }
+
+  std::vector<PoseObservation> observations;
+  for (const GroupMatch& match : matches) {
+    observations.push_back(query.Observation(query.map.point(match.point).position, match.feature));
+  }
+  PnpOptions pnp = options.pnp;
+  pnp.seed += number * 0x9E3779B97F4A7C15ull;
+  CAIRN_ASSIGN_OR_RETURN(const PnpSolution solution, SolvePnpRansac(query.pinhole, observations, pnp));
+  attempt.counts.pnp_inliers = solution.num_inliers;
+  if (!solution.found) {
+    Miss(RelocalizationStage::kPnp,
+         absl::StrCat(solution.num_inliers, " of ", matches.size(), " matches agree on a pose, at least ",
+                      pnp.min_inliers, " needed"),
+         &attempt);
+    return attempt;
+  }
+
+  Estimate estimate;
+  estimate.camera_from_map = solution.camera_from_map;
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (solution.inlier[i]) estimate.inliers.push_back({matches[i].point, matches[i].feature});
+  }
+  if (!Guide(query, options, &estimate, &attempt.counts)) {
+    Miss(RelocalizationStage::kRefinement, "the refinement on the matches of the guided search failed", &attempt);
+    return attempt;
+  }
+  std::string objection = Objection(estimate, attempt.counts, estimate.covariance, options);
+  attempt.place = ToPlace(query, std::move(estimate));
+  if (!objection.empty()) {
+    Miss(RelocalizationStage::kRefinement, std::move(objection), &attempt);
+    return attempt;
+  }
+  attempt.localized = true;
+  attempt.beyond_doubt = IsStrong(attempt.counts, options);
+  attempt.stage = RelocalizationStage::kDone;
+  return attempt;
+}
+
+}  // namespace cairn::tracking
