@@ -11,8 +11,8 @@
 namespace cairn::client {
 namespace {
 
-// By so much finer pixels than the map's make hardly a difference: a level of its pyramid and a half.
-constexpr double kFinerThanMap = 1.3;
+// By so much finer pixels than the map's make little difference: two levels of a pyramid of 1.2.
+constexpr double kFinerThanMap = 1.5;
 
 // Pixel centres at integers.
 Pinhole Resized(const Pinhole& pinhole, int width_px, int height_px) {

@@ -13,6 +13,7 @@ namespace {
 using optimization::PoseObservation;
 
 constexpr double kViewMargin = 0.15;  // around the image, share of its width
+constexpr int kExpectedPoints = 3;    // in view, from which a cell should show one: a single one may be hidden
 
 void Miss(RelocalizationStage stage, std::string reason, Relocalization* attempt) {
   attempt->stage = stage;
@@ -62,6 +63,33 @@ GuidedPoints PointsAround(const ImageQuery& query, const RelocalizerOptions& opt
   return around;
 }
 
+// Of the cells where points should be in view, those that show some.
+void CountCells(const ImageQuery& query, const Estimate& estimate, const GuidedPoints& around,
+                std::span<const std::uint32_t> visible, RelocalizationCounts* counts) {
+  std::array<int, kRelocalizerCells * kRelocalizerCells> found{}, expected{};
+  for (const PointObservation& inlier : estimate.inliers) {
+    const image::Keypoint& keypoint = query.features.keypoints[inlier.feature];
+    ++found[query.Cell({keypoint.x_px, keypoint.y_px})];
+  }
+  for (const std::uint32_t i : visible) {
+    const Vector3d point_c = estimate.camera_from_map * around.points[i]->position;
+    if (optimization::InFront(point_c)) ++expected[query.Cell(query.pinhole.Project(point_c))];
+  }
+  counts->cells = counts->visible_cells = 0;
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    if (expected[i] < kExpectedPoints) continue;
+    ++counts->visible_cells;
+    counts->cells += found[i] > 0 ? 1 : 0;
+  }
+}
+
+// The share of the cells that the pose makes show points, less two standard deviations of so small a sample.
+double Support(const RelocalizationCounts& counts) {
+  if (counts.visible_cells == 0) return 0.0;
+  const double share = static_cast<double>(counts.cells) / counts.visible_cells;
+  return share - 2.0 * std::sqrt(share * (1.0 - share) / counts.visible_cells);
+}
+
 // One round of guided search and refinement. False if the refinement fails.
 bool GuidedRound(const ImageQuery& query, const RelocalizerOptions& options, double radius_factor,
                  const GuidedPoints& around, Estimate* estimate, RelocalizationCounts* counts) {
@@ -82,21 +110,14 @@ bool GuidedRound(const ImageQuery& query, const RelocalizerOptions& options, dou
   estimate->fit.residual_rms = std::sqrt(refined->chi2 / (2.0 * refined->num_inliers));
   estimate->inliers.clear();
   std::vector<double> depths;
-  std::array<bool, kRelocalizerCells * kRelocalizerCells> cell{}, visible_cell{};
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!refined->inlier[i]) continue;
     estimate->inliers.push_back({around.points[found.matches[i].point]->id, found.matches[i].feature});
     depths.push_back((refined->camera_from_map * observations[i].point).z());
-    cell[query.Cell(observations[i].pixel)] = true;
   }
   std::nth_element(depths.begin(), depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2), depths.end());
   estimate->fit.median_depth = depths[depths.size() / 2];
-  for (const std::uint32_t i : found.visible) {
-    const Vector3d point_c = estimate->camera_from_map * around.points[i]->position;
-    if (optimization::InFront(point_c)) visible_cell[query.Cell(query.pinhole.Project(point_c))] = true;
-  }
-  counts->cells = static_cast<int>(std::count(cell.begin(), cell.end(), true));
-  counts->visible_cells = static_cast<int>(std::count(visible_cell.begin(), visible_cell.end(), true));
+  CountCells(query, *estimate, around, found.visible, counts);
   counts->inliers = static_cast<int>(estimate->inliers.size());
   return true;
 }
@@ -109,11 +130,9 @@ std::string Objection(const Estimate& estimate, const RelocalizationCounts& coun
                         options.min_inliers, " needed");
   }
   // By cells and not by points: a crowd of points on one object must not pass for the whole view.
-  const int needed =
-      std::max(options.min_cells, static_cast<int>(std::ceil(options.min_support * counts.visible_cells)));
-  if (counts.cells < needed) {
-    return absl::StrCat(counts.inliers, " inliers lie in ", counts.cells, " of the ", counts.visible_cells,
-                        " cells of the image that should show points of the map, at least ", needed, " needed");
+  if (counts.cells < options.min_cells || Support(counts) < options.min_support) {
+    return absl::StrCat(counts.inliers, " inliers, but points in only ", counts.cells, " of the ", counts.visible_cells,
+                        " cells of the image that should show some: a place that looks like it");
   }
   const double position_sigma = std::sqrt(covariance.topLeftCorner<3, 3>().trace()) / estimate.fit.median_depth;
   if (!(position_sigma <= options.max_position_sigma)) {
@@ -131,7 +150,7 @@ std::string Objection(const Estimate& estimate, const RelocalizationCounts& coun
 // Beyond doubt: enough inliers nearly everywhere where points should be in view. An answer that is accepted with less
 // may be one of several; then the other groups are tried, too.
 bool IsStrong(const RelocalizationCounts& counts, const RelocalizerOptions& options) {
-  return counts.inliers >= options.strong_inliers && counts.cells >= options.strong_support * counts.visible_cells;
+  return counts.inliers >= options.strong_inliers && Support(counts) >= options.strong_support;
 }
 
 KeyframeId ReferenceKeyframe(const map::Snapshot& map, const std::vector<PointObservation>& inliers) {

@@ -23,8 +23,8 @@ struct RelocalizationCounts {
   int guided_matches = 0;  // in the last round
   int inliers = 0;         // after refinement
   int visible = 0;         // points of the local map that should be in view
-  int cells = 0;           // of 8 x 8 in the image that hold inliers
-  int visible_cells = 0;   // likewise, visible points
+  int visible_cells = 0;   // of 8 x 8 in the image, those where at least three of these should be
+  int cells = 0;           // of them, those that hold inliers
 };
 
 struct PointObservation {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <span>
 #include <string>
 #include <unordered_map>
 #include <unordered_set>
@@ -17,9 +18,11 @@ namespace cairn::tracking {
 namespace {
 
 constexpr int kSharedPoints = 5;        // of the points found, that a keyframe of the same place sees
+constexpr int kNeighbours = 10;         // of each such keyframe, that are of the same place as well
 constexpr double kMinRivalScore = 0.3;  // share of the best group's score below which a group is no rival
-constexpr double kRivalMatches = 0.5;   // of max_rival_share: the share of matches below which it is not tried
-constexpr double kSameDistance = 0.1;   // two poses nearer than this share of the depth of the scene ...
+constexpr int kTriedRivals = 2;         // of the rivals, those with most matches
+constexpr double kSharedMatches = 0.5;  // of the fewer matches of two poses: one place
+constexpr double kSameDistance = 0.2;   // two poses nearer than this share of the depth of the scene ...
 constexpr double kSameAngleDeg = 10.0;  // ... and than this are one place
 
 // Which of two attempts got further.
@@ -34,14 +37,30 @@ ComponentId ComponentOf(const map::Snapshot& map, const FoundPlace& place) {
   return map.keyframe(place.reference_keyframe).component;
 }
 
+// How many features are matched with the same points.
+std::size_t SharedMatches(const FoundPlace& a, const FoundPlace& b) {
+  std::size_t shared = 0;
+  for (auto i = a.inliers.begin(), j = b.inliers.begin(); i != a.inliers.end() && j != b.inliers.end();) {
+    if (i->point != j->point) {
+      ++(i->point < j->point ? i : j);
+    } else {
+      shared += (i++)->feature == (j++)->feature ? 1 : 0;
+    }
+  }
+  return shared;
+}
+
+// Near each other; or two poses that the same matches allow, of which the one with more of them is right.
 bool SamePlace(const map::Snapshot& map, const FoundPlace& a, const FoundPlace& b) {
   if (ComponentOf(map, a) != ComponentOf(map, b)) return false;
+  const auto fewer = static_cast<double>(std::min(a.inliers.size(), b.inliers.size()));
+  if (static_cast<double>(SharedMatches(a, b)) >= kSharedMatches * fewer) return true;
   const SE3 a_from_b = a.camera_from_map * b.camera_from_map.Inverse();
   return a_from_b.translation().norm() <= kSameDistance * std::max(a.fit.median_depth, b.fit.median_depth) &&
          AngleRad(a_from_b.rotation()) <= kSameAngleDeg * std::numbers::pi / 180.0;
 }
 
-// The keyframes that see some of what was found.
+// The keyframes that see some of what was found, and their neighbours.
 std::unordered_set<KeyframeId> KeyframesThere(const map::Snapshot& map, const FoundPlace& place) {
   std::unordered_map<KeyframeId, int> shared;
   for (const PointObservation& inlier : place.inliers) {
@@ -49,7 +68,9 @@ std::unordered_set<KeyframeId> KeyframesThere(const map::Snapshot& map, const Fo
   }
   std::unordered_set<KeyframeId> keyframes;
   for (const auto& [id, count] : shared) {
-    if (count >= kSharedPoints) keyframes.insert(id);
+    if (count < kSharedPoints) continue;
+    keyframes.insert(id);
+    for (const KeyframeId neighbour : map::BestCovisible(map.keyframe(id), kNeighbours)) keyframes.insert(neighbour);
   }
   return keyframes;
 }
@@ -96,6 +117,18 @@ class PlaceSearch {
                       options_.matching);
   }
 
+  struct MatchedGroup {
+    const CandidateGroup* group = nullptr;
+    std::vector<GroupMatch> matches;
+  };
+  // Most matches first.
+  std::vector<MatchedGroup> MatchAll(std::span<const CandidateGroup> groups) const {
+    std::vector<MatchedGroup> matched;
+    for (const CandidateGroup& group : groups) matched.push_back({&group, Match(group)});
+    std::ranges::stable_sort(matched, std::ranges::greater(), [](const auto& entry) { return entry.matches.size(); });
+    return matched;
+  }
+
   // Keeps what is found, or what got furthest.
   absl::Status Try(const CandidateGroup& group, const std::vector<GroupMatch>& matches) {
     RelocalizationCounts counts;
@@ -133,12 +166,9 @@ class PlaceSearch {
   absl::Status Find(const std::vector<CandidateGroup>& groups) {
     CAIRN_RETURN_IF_ERROR(Try(groups[0], Match(groups[0])));
     if (!found_.empty() && found_[0].beyond_doubt) return absl::OkStatus();
-    std::vector<std::pair<const CandidateGroup*, std::vector<GroupMatch>>> others;
-    for (std::size_t i = 1; i < groups.size(); ++i) others.emplace_back(&groups[i], Match(groups[i]));
-    std::ranges::stable_sort(others, [](const auto& a, const auto& b) { return a.second.size() > b.second.size(); });
-    for (const auto& [group, matches] : others) {
+    for (const MatchedGroup& other : MatchAll(std::span(groups).subspan(1))) {
       if (tried_ >= static_cast<std::uint64_t>(options_.max_poses)) break;
-      CAIRN_RETURN_IF_ERROR(Try(*group, matches));
+      CAIRN_RETURN_IF_ERROR(Try(*other.group, other.matches));
       if (!found_.empty() && found_.back().beyond_doubt) break;
     }
     return absl::OkStatus();
@@ -147,19 +177,19 @@ class PlaceSearch {
   // Other places that look like what was found, if they share words and matches enough.
   absl::Status AskRivals(const std::vector<CandidateGroup>& groups, std::size_t num_candidates) {
     const Relocalization& best = Best();
-    const double min_matches = kRivalMatches * options_.max_rival_share * best.counts.word_matches;
+    const double min_matches = options_.max_rival_share * best.counts.word_matches;
     const double min_score = kMinRivalScore * groups[0].score;
     const std::unordered_set<KeyframeId> there = KeyframesThere(query_.map, best.place);
-    std::vector<CandidateGroup> rivals = SelectGroups(groups, options_.max_rivals, min_score, there);
     // A place of many keyframes may be all that the candidates are.
-    if (rivals.size() < static_cast<std::size_t>(options_.max_rivals) &&
-        num_candidates == static_cast<std::size_t>(options_.max_candidate_keyframes)) {
-      rivals = SelectGroups(FormGroups(query_.map, Candidates(there), options_.group_size), options_.max_rivals,
-                            min_score, there);
-    }
-    for (const CandidateGroup& rival : rivals) {
-      const std::vector<GroupMatch> matches = Match(rival);
-      if (static_cast<double>(matches.size()) >= min_matches) CAIRN_RETURN_IF_ERROR(Try(rival, matches));
+    const bool full = num_candidates == static_cast<std::size_t>(options_.max_candidate_keyframes);
+    const std::vector<CandidateGroup> rivals =
+        full ? SelectGroups(FormGroups(query_.map, Candidates(there), options_.group_size), options_.max_rivals,
+                            min_score)
+             : SelectGroups(groups, options_.max_rivals, min_score, there);
+    auto matched = MatchAll(rivals);
+    for (int i = 0; i < std::min(kTriedRivals, static_cast<int>(matched.size())); ++i) {
+      if (static_cast<double>(matched[i].matches.size()) < min_matches) break;
+      CAIRN_RETURN_IF_ERROR(Try(*matched[i].group, matched[i].matches));
     }
     return absl::OkStatus();
   }
