@@ -45,7 +45,7 @@ class CApi : public testing::Test {
   cairn_error error_ = Sized<cairn_error>();
   cairn_camera camera_ = Sized<cairn_camera>();
   cairn_image image_ = Sized<cairn_image>();
-  cairn_localize_query query_ = {sizeof(query_), &image_, &camera_, 0};
+  cairn_localize_query query_ = {sizeof(query_), &image_, &camera_, 0, nullptr};
   cairn_localize_answer answer_ = Sized<cairn_localize_answer>();
 };
 

@@ -16,6 +16,7 @@ static_assert(sizeof(void*) != 8 ||
                sizeof(cairn_camera) == kFirstSize<cairn_camera> && sizeof(cairn_image) == kFirstSize<cairn_image> &&
                sizeof(cairn_component) == kFirstSize<cairn_component> &&
                sizeof(cairn_localize_query) == kFirstSize<cairn_localize_query> &&
+               sizeof(cairn_prior) == kFirstSize<cairn_prior> &&
                sizeof(cairn_localize_answer) == kFirstSize<cairn_localize_answer> &&
                sizeof(cairn_tracker_options) == kFirstSize<cairn_tracker_options> &&
                sizeof(cairn_track_answer) == kFirstSize<cairn_track_answer>));
@@ -110,12 +111,28 @@ absl::StatusOr<v0::ImageView> ReadImage(const cairn_image* image) {
   return result;
 }
 
+absl::StatusOr<v0::PosePrior> ReadPrior(const cairn_prior* prior) {
+  CAIRN_ASSIGN_OR_RETURN(const cairn_prior known, ReadStruct(prior, "cairn_prior"));
+  CAIRN_RETURN_IF_ERROR(CheckReserved(static_cast<std::int32_t>(known.reserved), "cairn_prior"));
+  v0::PosePrior result;
+  const cairn_pose& pose = known.map_from_camera;
+  std::copy(std::begin(pose.translation), std::end(pose.translation), result.map_from_camera.translation.begin());
+  std::copy(std::begin(pose.rotation_xyzw), std::end(pose.rotation_xyzw), result.map_from_camera.rotation_xyzw.begin());
+  result.component = known.component;
+  result.position_sigma = known.position_sigma;
+  result.rotation_sigma_rad = known.rotation_sigma_rad;
+  return result;
+}
+
 absl::StatusOr<v0::LocalizeQuery> ReadQuery(const cairn_localize_query* query) {
   CAIRN_ASSIGN_OR_RETURN(const cairn_localize_query known, ReadStruct(query, "cairn_localize_query"));
   v0::LocalizeQuery result;
   CAIRN_ASSIGN_OR_RETURN(result.image, ReadImage(known.image));
   CAIRN_ASSIGN_OR_RETURN(result.camera, ReadCamera(known.camera));
   result.time_ns = known.time_ns;
+  if (known.prior != nullptr) {
+    CAIRN_ASSIGN_OR_RETURN(result.prior, ReadPrior(known.prior));
+  }
   return result;
 }
 
@@ -185,6 +202,18 @@ cairn_localize_answer ToC(const v0::LocalizeAnswer& answer) {
   result.lens = static_cast<std::int32_t>(answer.lens);
   WriteString(answer.map_id, result.map_id, sizeof(result.map_id));
   WriteString(answer.reason, result.reason, sizeof(result.reason));
+  result.num_rivals = static_cast<std::int32_t>(answer.rivals.size());
+  for (std::size_t i = 0; i < std::min<std::size_t>(answer.rivals.size(), CAIRN_MAX_RIVALS); ++i) {
+    const v0::RivalPose& rival = answer.rivals[i];
+    result.rivals[i] = {PoseToC(rival.map_from_camera),
+                        PoseToC(rival.world_from_camera),
+                        v0::PositionSigma(rival.map_from_camera, rival.covariance),
+                        v0::RotationSigmaRad(rival.covariance),
+                        rival.component,
+                        rival.reference_keyframe,
+                        rival.inliers,
+                        rival.world_is_metric ? 1 : 0};
+  }
   return result;
 }
 

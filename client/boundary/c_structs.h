@@ -38,9 +38,11 @@ inline constexpr std::size_t kFirstSize<cairn_image> = 40;
 template <>
 inline constexpr std::size_t kFirstSize<cairn_component> = 88;
 template <>
-inline constexpr std::size_t kFirstSize<cairn_localize_query> = 32;
+inline constexpr std::size_t kFirstSize<cairn_localize_query> = 40;
 template <>
-inline constexpr std::size_t kFirstSize<cairn_localize_answer> = 808;
+inline constexpr std::size_t kFirstSize<cairn_prior> = 88;
+template <>
+inline constexpr std::size_t kFirstSize<cairn_localize_answer> = 1392;
 template <>
 inline constexpr std::size_t kFirstSize<cairn_tracker_options> = 24;
 template <>

@@ -1,5 +1,6 @@
 #include "client/boundary/convert.h"
 
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 
 namespace cairn::client {
@@ -45,6 +46,8 @@ v0::LocalizeStage StageToPublic(api::LocalizeStage stage) {
       return v0::LocalizeStage::kPnp;
     case api::LocalizeStage::kRefinement:
       return v0::LocalizeStage::kRefinement;
+    case api::LocalizeStage::kRivals:
+      return v0::LocalizeStage::kRivals;
     case api::LocalizeStage::kDone:
       return v0::LocalizeStage::kDone;
   }
@@ -77,6 +80,18 @@ v0::TrackState StateToPublic(api::TrackState state) {
   return v0::TrackState::kLost;
 }
 
+// A RivalPose, or the answer, which has the same members.
+template <class Public>
+void PoseToPublic(const api::LocatedPose& pose, Public* out) {
+  out->map_from_camera = ToPublic(pose.map_from_camera);
+  out->component = pose.component.value();
+  out->world_from_camera = ToPublic(pose.world_from_camera);
+  out->world_per_map = pose.world_per_map;
+  out->world_is_metric = pose.world_is_metric;
+  out->covariance = ToPublic(pose.covariance);
+  out->reference_keyframe = pose.reference_keyframe.value();
+}
+
 }  // namespace
 
 absl::Status CheckCall(const v0::CallOptions& call, absl::string_view what) {
@@ -100,6 +115,22 @@ absl::StatusOr<Camera> ToInternal(const v0::Camera& camera) {
   result.cx_px = camera.cx_px;
   result.cy_px = camera.cy_px;
   result.distortion = camera.distortion;
+  return result;
+}
+
+absl::StatusOr<api::PosePrior> ToInternal(const v0::PosePrior& prior) {
+  api::PosePrior result;
+  const auto& q = prior.map_from_camera.rotation_xyzw;
+  const Quaterniond rotation(q[3], q[0], q[1], q[2]);
+  constexpr double kUnit = 1e-3;
+  if (!(std::abs(rotation.norm() - 1.0) < kUnit)) {
+    return absl::InvalidArgumentError("prior: the quaternion is not of unit length");
+  }
+  const auto& t = prior.map_from_camera.translation;
+  result.map_from_camera = SE3(rotation.normalized(), Vector3d(t[0], t[1], t[2]));
+  result.component = ComponentId(prior.component);
+  result.position_sigma = prior.position_sigma;
+  result.rotation_sigma_rad = prior.rotation_sigma_rad;
   return result;
 }
 
@@ -152,17 +183,15 @@ v0::LocalizeAnswer ToPublic(const api::LocalizeAnswer& answer) {
   const api::LocalizeCounts& counts = answer.counts;
   result.counts = {counts.features,    counts.candidates,     counts.word_matches,
                    counts.pnp_inliers, counts.guided_matches, counts.inliers};
-  result.map_from_camera = ToPublic(answer.map_from_camera);
-  result.component = answer.component.value();
+  PoseToPublic(answer, &result);
   result.components = answer.components;
-  result.world_from_camera = ToPublic(answer.world_from_camera);
-  result.world_per_map = answer.world_per_map;
-  result.world_is_metric = answer.world_is_metric;
-  result.covariance = ToPublic(answer.covariance);
+  for (const api::LocatedPose& rival : answer.rivals) {
+    PoseToPublic(rival, &result.rivals.emplace_back());
+    result.rivals.back().inliers = rival.inliers;
+  }
   result.map_id = answer.map_id;
   result.revision = answer.revision;
   result.lens = LensToPublic(answer.lens);
-  result.reference_keyframe = answer.reference_keyframe.value();
   result.extract_ms = answer.extract_ms;
   result.locate_ms = answer.locate_ms;
   return result;

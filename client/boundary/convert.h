@@ -11,6 +11,7 @@
 #include "cairn/call_options.h"
 #include "cairn/camera.h"
 #include "cairn/image_view.h"
+#include "cairn/localizer.h"
 #include "cairn/map.h"
 #include "cairn/pose.h"
 #include "geometry/camera.h"
@@ -24,6 +25,8 @@ absl::Status CheckCall(const v0::CallOptions& call, absl::string_view what);
 // InvalidArgument for a model that there is not; Validate() is left to who uses it.
 absl::StatusOr<Camera> ToInternal(const v0::Camera& camera);
 v0::Camera ToPublic(const Camera& camera);
+// InvalidArgument for a quaternion that is not of unit length.
+absl::StatusOr<api::PosePrior> ToInternal(const v0::PosePrior& prior);
 
 // CV_8UC1. A grey view's pixels are referred to, not copied, and must not be written to.
 absl::StatusOr<cv::Mat> GrayImage(const v0::ImageView& view);

@@ -81,6 +81,9 @@ absl::StatusOr<LocalizeAnswer> Localizer::Localize(const LocalizeQuery& query, c
     CAIRN_ASSIGN_OR_RETURN(internal.camera, client::ToInternal(query.camera));
     CAIRN_ASSIGN_OR_RETURN(internal.image, client::GrayImage(query.image));
     internal.time_ns = query.time_ns;
+    if (query.prior) {
+      CAIRN_ASSIGN_OR_RETURN(internal.prior, client::ToInternal(*query.prior));
+    }
     CAIRN_RETURN_IF_ERROR(client::CheckCall(call, "localize"));
     CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, impl_->map().Localize(internal));
     return client::ToPublic(answer);

@@ -48,6 +48,7 @@ class OverPublic : public api::Localizer {
                    static_cast<std::ptrdiff_t>(query.image.step[0])};
     asked.camera = ToPublic(query.camera);
     asked.time_ns = query.time_ns;
+    if (query.prior) asked.prior = ToPublic(*query.prior);
     CAIRN_ASSIGN_OR_RETURN(const v0::LocalizeAnswer found, localizer_.Localize(asked));
     api::LocalizeAnswer answer;
     answer.localized = found.localized;
@@ -68,10 +69,27 @@ class OverPublic : public api::Localizer {
     answer.reference_keyframe = KeyframeId(found.reference_keyframe);
     answer.extract_ms = found.extract_ms;
     answer.locate_ms = found.locate_ms;
+    for (const v0::RivalPose& rival : found.rivals) {
+      answer.rivals.push_back({ToSE3(rival.map_from_camera), ComponentId(rival.component),
+                               ToSE3(rival.world_from_camera), rival.world_per_map, rival.world_is_metric,
+                               v0::ToEigen(rival.covariance), KeyframeId(rival.reference_keyframe), rival.inliers});
+    }
     return answer;
   }
 
  private:
+  static v0::PosePrior ToPublic(const api::PosePrior& prior) {
+    v0::PosePrior result;
+    const Vector3d& t = prior.map_from_camera.translation();
+    const Quaterniond& q = prior.map_from_camera.rotation();
+    result.map_from_camera = {{t.x(), t.y(), t.z()}, {q.x(), q.y(), q.z(), q.w()}};
+    result.component = prior.component.value();
+    result.position_sigma = prior.position_sigma;
+    result.rotation_sigma_rad = prior.rotation_sigma_rad;
+    return result;
+  }
+  static v0::Camera ToPublic(const Camera& camera) { return conformance::ToPublic(camera); }
+
   v0::Localizer localizer_;
 };
 
@@ -122,7 +140,16 @@ class OverC : public api::Localizer {
     error.struct_size = sizeof(error);
     cairn_localize_answer found{};
     found.struct_size = sizeof(found);
-    const cairn_localize_query asked{sizeof(asked), &image, &camera, query.time_ns};
+    cairn_prior prior{sizeof(prior), {}, 0.0, 0.0, 0, 0};
+    if (query.prior) {
+      const Vector3d& t = query.prior->map_from_camera.translation();
+      const Quaterniond& q = query.prior->map_from_camera.rotation();
+      prior.map_from_camera = {{t.x(), t.y(), t.z()}, {q.x(), q.y(), q.z(), q.w()}};
+      prior.position_sigma = query.prior->position_sigma;
+      prior.rotation_sigma_rad = query.prior->rotation_sigma_rad;
+      prior.component = query.prior->component.value();
+    }
+    const cairn_localize_query asked{sizeof(asked), &image, &camera, query.time_ns, query.prior ? &prior : nullptr};
     const cairn_code code = cairn_localizer_localize(localizer_, &asked, nullptr, &found, &error);
     if (code != CAIRN_OK) return FromC(code, error);
     return FromC(found);
@@ -149,6 +176,18 @@ class OverC : public api::Localizer {
     answer.map_id = found.map_id;
     answer.revision = found.revision;
     answer.reference_keyframe = KeyframeId(found.reference_keyframe);
+    for (int i = 0; i < found.num_rivals; ++i) {
+      const cairn_rival& rival = found.rivals[i];
+      api::LocatedPose pose;
+      pose.map_from_camera = ToSE3(rival.map_from_camera);
+      pose.world_from_camera = ToSE3(rival.world_from_camera);
+      pose.component = ComponentId(rival.component);
+      pose.reference_keyframe = KeyframeId(rival.reference_keyframe);
+      pose.inliers = rival.inliers;
+      pose.world_is_metric = rival.world_is_metric != 0;
+      pose.covariance.diagonal().setConstant(rival.position_sigma * rival.rotation_sigma_rad);
+      answer.rivals.push_back(pose);
+    }
     return answer;
   }
   static absl::Status FromC(cairn_code code, const cairn_error& error) { return conformance::FromC(code, error); }

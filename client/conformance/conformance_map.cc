@@ -43,14 +43,15 @@ std::vector<SE3> KeyframePoses() {
   return poses;
 }
 
-// Features see the points that features of earlier keyframes made, and make points of their own where their rays end.
-void AddPoints(const ConformanceMap& made, KeyframeId id, map::Edit* edit) {
+// Features see the points that features of earlier keyframes made, from `first` on, and make points of their own where
+// their rays end.
+void AddPoints(const ConformanceMap& made, KeyframeId id, PointId first, map::Edit* edit) {
   const map::Keyframe& keyframe = edit->keyframe(id);
   const image::Features& features = keyframe.features->features;
   const image::FeatureGrid grid(features.keypoints, made.pinhole.width_px, made.pinhole.height_px);
   std::vector<const map::MapPoint*> points;
   std::vector<PointId> ids;
-  for (std::uint32_t i = 1; edit->FindPoint(PointId(i)) != nullptr; ++i) {
+  for (std::uint32_t i = first.value(); edit->FindPoint(PointId(i)) != nullptr; ++i) {
     edit->UpdatePoint(PointId(i));
     points.push_back(edit->FindPoint(PointId(i)));
     ids.push_back(PointId(i));
@@ -68,7 +69,8 @@ void AddPoints(const ConformanceMap& made, KeyframeId id, map::Edit* edit) {
   }
 }
 
-const ConformanceMap* Make() {
+// With so many components that are all of the same room.
+const ConformanceMap* Make(int components) {
   auto* made = new ConformanceMap;
   made->pinhole = {480, 360, 350.0, 350.0, 239.5, 179.5};
   map::MapInfo info = Info();
@@ -97,18 +99,27 @@ const ConformanceMap* Make() {
   session.source = "rendered";
   session.complete = true;
   keyframe.session = edit.AddSession(session);
-  map::Component component;
-  component.world_from_component = Sim3(Quaterniond::Identity(), Vector3d(10.0, 0.0, 0.0), 2.0);
-  edit.AddComponent(component);
-  for (std::size_t i = 0; i < poses.size(); ++i) {
+  std::vector<std::shared_ptr<const map::KeyframeFeatures>> seen;
+  for (image::Features& found : features) {
     auto shared = std::make_shared<map::KeyframeFeatures>();
-    for (const auto& descriptor : features[i].descriptors) shared->words.push_back(vocabulary.Lookup(descriptor));
-    shared->features = std::move(features[i]);
-    keyframe.features = shared;
-    keyframe.camera_from_map = poses[i];
-    keyframe.time_ns = static_cast<TimeNs>(i) * 1'000'000'000;
-    keyframe.frame_index = static_cast<std::int64_t>(i);
-    AddPoints(*made, edit.AddKeyframe(keyframe), &edit);
+    for (const auto& descriptor : found.descriptors) shared->words.push_back(vocabulary.Lookup(descriptor));
+    shared->features = std::move(found);
+    seen.push_back(std::move(shared));
+  }
+  PointId::Value points = 0;
+  for (int number = 0; number < components; ++number) {
+    map::Component component;
+    component.world_from_component = Sim3(Quaterniond::Identity(), Vector3d(10.0 + 30.0 * number, 0.0, 0.0), 2.0);
+    keyframe.component = edit.AddComponent(component);
+    const PointId first(points + 1);
+    for (std::size_t i = 0; i < poses.size(); ++i) {
+      keyframe.features = seen[i];
+      keyframe.camera_from_map = poses[i];
+      keyframe.time_ns = static_cast<TimeNs>(i) * 1'000'000'000;
+      keyframe.frame_index = static_cast<std::int64_t>(i);
+      AddPoints(*made, edit.AddKeyframe(keyframe), first, &edit);
+    }
+    while (edit.FindPoint(PointId(points + 1)) != nullptr) ++points;
   }
   made->delta = edit.Finish("conformance map");
   made->snapshot = ValueOrFail(empty->Apply(made->delta));
@@ -118,12 +129,16 @@ const ConformanceMap* Make() {
 }  // namespace
 
 const ConformanceMap& TheConformanceMap() {
-  static const ConformanceMap* map = Make();
+  static const ConformanceMap* map = Make(1);
   return *map;
 }
 
-absl::Status WriteConformanceMap(const std::string& path) {
-  const ConformanceMap& map = TheConformanceMap();
+const ConformanceMap& TheTwinMap() {
+  static const ConformanceMap* map = Make(2);
+  return *map;
+}
+
+absl::Status WriteConformanceMap(const std::string& path, const ConformanceMap& map) {
   store::CreateOptions options;
   options.vocabulary = map.vocabulary;
   CAIRN_ASSIGN_OR_RETURN(const auto file, store::SqliteMapStore::Create(path, map.snapshot->info(), options));

@@ -22,8 +22,11 @@ struct ConformanceMap {
 // Made once per process. world_from_component doubles the scale and moves along x by 10.
 const ConformanceMap& TheConformanceMap();
 
+// The same with a second component that looks exactly like the first, 30 further along x in the world.
+const ConformanceMap& TheTwinMap();
+
 // Writes it to a new map file.
-absl::Status WriteConformanceMap(const std::string& path);
+absl::Status WriteConformanceMap(const std::string& path, const ConformanceMap& map = TheConformanceMap());
 
 // One of another size, focal length and lens than that of the map.
 Camera AnotherCamera();

@@ -121,6 +121,87 @@ TEST_P(LocalizerConformance, AMissSaysWhy) {
   EXPECT_GT(elsewhere->counts.features, 100);
 }
 
+// Camera of the map, twice as fine: it is found as the map's own is.
+TEST_P(LocalizerConformance, ACameraOfTwiceTheResolutionIsFine) {
+  const Pinhole& pinhole = TheConformanceMap().pinhole;
+  const Pinhole fine{2 * pinhole.width_px, 2 * pinhole.height_px,     2.0 * pinhole.fx_px,
+                     2.0 * pinhole.fy_px,  2.0 * pinhole.cx_px + 0.5, 2.0 * pinhole.cy_px + 0.5};
+  const SE3 truth = LookInRoom({0.1, 0.0, -1.4}, 0.1);
+  cv::Mat image;
+  cv::resize(TheConformanceMap().room.Render(pinhole, truth), image, {}, 2.0, 2.0, cv::INTER_CUBIC);
+  const auto answer = localizer_->Localize({image, Camera::FromPinhole(fine), 0});
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  ExpectPose(*answer, truth);
+}
+
+TEST_P(LocalizerConformance, APriorNarrowsAndExcludes) {
+  const SE3 truth = LookInRoom({0.2, 0.0, -1.4}, 0.05);
+  api::LocalizeQuery query = QueryAt(truth);
+  // In the world, which is twice as large as the map and begins 10 beside it.
+  const SE3 world_from_camera(truth.Inverse().rotation(),
+                              2.0 * truth.Inverse().translation() + Vector3d(10.0, 0.0, 0.0));
+  query.prior = api::PosePrior{world_from_camera, {}, 0.5, 0.2};
+  const auto right = localizer_->Localize(query);
+  ASSERT_TRUE(right.ok()) << right.status();
+  ExpectPose(*right, truth);
+
+  query.prior = api::PosePrior{truth.Inverse(), ComponentId(1), 0.25, 0.2};
+  const auto in_component = localizer_->Localize(query);
+  ASSERT_TRUE(in_component.ok()) << in_component.status();
+  ExpectPose(*in_component, truth);
+
+  query.prior->map_from_camera =
+      SE3(truth.Inverse().rotation(), truth.Inverse().translation() + Vector3d(0.5, 0.0, 0.0));
+  query.prior->position_sigma = 0.05;
+  const auto wrong = localizer_->Localize(query);
+  ASSERT_TRUE(wrong.ok()) << wrong.status();
+  EXPECT_FALSE(wrong->localized);
+  EXPECT_EQ(wrong->stage, api::LocalizeStage::kRefinement);
+  EXPECT_THAT(wrong->reason, testing::HasSubstr("10 standard deviations from the prior"));
+
+  query.prior->component = ComponentId(7);
+  EXPECT_EQ(localizer_->Localize(query).status().code(), absl::StatusCode::kInvalidArgument);
+  query.prior->component = ComponentId(1);
+  query.prior->position_sigma = -1.0;
+  EXPECT_EQ(localizer_->Localize(query).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST_P(LocalizerConformance, PlacesThatLookAlikeAreNotGuessed) {
+  const std::string path = testing::TempDir() + "/localizer_conformance_twins_" + std::to_string(getpid()) + ".cairn";
+  std::remove(path.c_str());
+  ASSERT_TRUE(WriteConformanceMap(path, TheTwinMap()).ok());
+  auto localizer = GetParam()(path);
+  ASSERT_TRUE(localizer.ok()) << localizer.status();
+  const SE3 truth = LookInRoom({0.2, 0.0, -1.4}, 0.05);
+  api::LocalizeQuery query = QueryAt(truth);
+  const auto answer = (*localizer)->Localize(query);
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  EXPECT_FALSE(answer->localized);
+  EXPECT_EQ(answer->stage, api::LocalizeStage::kRivals);
+  EXPECT_THAT(answer->reason, testing::HasSubstr("look alike"));
+  ASSERT_EQ(answer->rivals.size(), 2u);
+  EXPECT_NE(answer->rivals[0].component, answer->rivals[1].component);
+  EXPECT_GE(answer->rivals[0].inliers, answer->rivals[1].inliers);
+  for (const api::LocatedPose& rival : answer->rivals) {
+    EXPECT_LT((rival.map_from_camera.translation() - truth.Inverse().translation()).norm(), 0.02);
+    EXPECT_TRUE(rival.world_is_metric);
+    EXPECT_GT(rival.inliers, 25);
+    EXPECT_GT(rival.covariance.diagonal().minCoeff(), 0.0);
+  }
+  EXPECT_NEAR(
+      (answer->rivals[0].world_from_camera.translation() - answer->rivals[1].world_from_camera.translation()).norm(),
+      30.0, 0.1);
+
+  // Who knows where it is about is told.
+  query.prior = api::PosePrior{answer->rivals[1].world_from_camera, {}, 5.0, 3.0};
+  const auto told = (*localizer)->Localize(query);
+  ASSERT_TRUE(told.ok()) << told.status();
+  ExpectPose(*told, truth);
+  EXPECT_EQ(told->component, answer->rivals[1].component);
+  localizer->reset();
+  std::remove(path.c_str());
+}
+
 TEST_P(LocalizerConformance, BadQueriesAreErrors) {
   const api::LocalizeQuery good = QueryAt(LookInRoom({0.0, 0.0, -1.4}, 0.0));
   api::LocalizeQuery bad = good;

@@ -141,19 +141,30 @@ typedef struct cairn_image {
   int32_t reserved;     /**< 0 */
 } cairn_image;
 
+/** A rigid transform a_from_b. It has no struct_size and stays as it is. */
+typedef struct cairn_pose {
+  double translation[3];   /**< in units of frame a */
+  double rotation_xyzw[4]; /**< unit quaternion */
+} cairn_pose;
+
+/** Where the camera is thought to be (cairn/localizer.h). */
+typedef struct cairn_prior {
+  size_t struct_size;         /**< sizeof(cairn_prior) */
+  cairn_pose map_from_camera; /**< in the frame of the component, or in that of the world */
+  double position_sigma;      /**< per axis, greater than 0; infinite: unknown */
+  double rotation_sigma_rad;  /**< per axis, greater than 0 */
+  uint32_t component;         /**< 0: none */
+  uint32_t reserved;          /**< 0 */
+} cairn_prior;
+
 /** One image, and the camera that took it: any camera, not only one that made the map. */
 typedef struct cairn_localize_query {
   size_t struct_size;         /**< sizeof(cairn_localize_query) */
   const cairn_image* image;   /**< of the size of the camera */
   const cairn_camera* camera; /**< of that image */
   int64_t time_ns;            /**< when it was taken, on the caller's clock; may be 0 */
+  const cairn_prior* prior;   /**< NULL: none */
 } cairn_localize_query;
-
-/** A rigid transform a_from_b. It has no struct_size and stays as it is. */
-typedef struct cairn_pose {
-  double translation[3];   /**< in units of frame a */
-  double rotation_xyzw[4]; /**< unit quaternion */
-} cairn_pose;
 
 /** A part of the map with a frame of its own. */
 typedef struct cairn_component {
@@ -172,7 +183,8 @@ enum cairn_localize_stage {
   CAIRN_STAGE_MATCHES = 2,    /**< too few features match */
   CAIRN_STAGE_PNP = 3,        /**< they agree on no pose */
   CAIRN_STAGE_REFINEMENT = 4, /**< the rest does not confirm it */
-  CAIRN_STAGE_DONE = 5        /**< found */
+  CAIRN_STAGE_RIVALS = 5,     /**< several places fit about as well */
+  CAIRN_STAGE_DONE = 6        /**< found */
 };
 
 /** Whether the lens that the map has found for its camera was applied. */
@@ -182,33 +194,50 @@ enum cairn_lens_use {
   CAIRN_LENS_OTHER_CALIBRATION = 2 /**< it corrects a lens, but of no camera with this calibration */
 };
 
-/** Where a single image was taken, or why that is not known. */
-typedef struct cairn_localize_answer {
-  size_t struct_size;           /**< sizeof(cairn_localize_answer) */
-  int32_t localized;            /**< 1: the pose is valid */
-  int32_t stage;                /**< cairn_localize_stage reached */
+/** One of several places that an image fits. It has no struct_size and stays as it is. */
+typedef struct cairn_rival {
   cairn_pose map_from_camera;   /**< in the frame of the component, in its units */
   cairn_pose world_from_camera; /**< the same while the component is not aligned */
-  double world_per_map;         /**< metres per unit of the map, once aligned */
-  double covariance[36];        /**< of map_from_camera, row by row, as PoseCovariance in cairn/pose.h */
   double position_sigma;        /**< of the camera's place, in units of the map */
   double rotation_sigma_rad;    /**< of its orientation */
+  uint32_t component;           /**< that it is in */
+  uint32_t reference_keyframe;  /**< the one that shares most points */
+  int32_t inliers;              /**< points of the map that are seen where the pose puts them */
   int32_t world_is_metric;      /**< 1: the component has been aligned */
-  int32_t components;           /**< that the map has */
-  uint32_t component;           /**< 0: none */
-  uint32_t reference_keyframe;  /**< 0: none */
-  uint64_t revision;            /**< of the map that was asked */
-  double extract_ms;            /**< time for the features of the image */
-  double locate_ms;             /**< and for the rest */
-  int32_t features;             /**< in the image */
-  int32_t candidates;           /**< keyframes that share enough words with it */
-  int32_t word_matches;         /**< features that match one of these */
-  int32_t pnp_inliers;          /**< that agree on a pose */
-  int32_t guided_matches;       /**< points of the map found where that pose puts them */
-  int32_t inliers;              /**< of these, after refinement */
-  int32_t lens;                 /**< cairn_lens_use */
-  char map_id[40];              /**< 32 hex digits */
-  char reason[260];             /**< of a miss, for people */
+} cairn_rival;
+
+enum { CAIRN_MAX_RIVALS = 4 /**< as many as an answer has room for */ };
+
+/** Where a single image was taken, or why that is not known. */
+typedef struct cairn_localize_answer {
+  size_t struct_size;                   /**< sizeof(cairn_localize_answer) */
+  int32_t localized;                    /**< 1: the pose is valid */
+  int32_t stage;                        /**< cairn_localize_stage reached */
+  cairn_pose map_from_camera;           /**< in the frame of the component, in its units */
+  cairn_pose world_from_camera;         /**< the same while the component is not aligned */
+  double world_per_map;                 /**< metres per unit of the map, once aligned */
+  double covariance[36];                /**< of map_from_camera, row by row, as PoseCovariance in cairn/pose.h */
+  double position_sigma;                /**< of the camera's place, in units of the map */
+  double rotation_sigma_rad;            /**< of its orientation */
+  int32_t world_is_metric;              /**< 1: the component has been aligned */
+  int32_t components;                   /**< that the map has */
+  uint32_t component;                   /**< 0: none */
+  uint32_t reference_keyframe;          /**< 0: none */
+  uint64_t revision;                    /**< of the map that was asked */
+  double extract_ms;                    /**< time for the features of the image */
+  double locate_ms;                     /**< and for the rest */
+  int32_t features;                     /**< in the image */
+  int32_t candidates;                   /**< keyframes that share enough words with it */
+  int32_t word_matches;                 /**< features that match one of these */
+  int32_t pnp_inliers;                  /**< that agree on a pose */
+  int32_t guided_matches;               /**< points of the map found where that pose puts them */
+  int32_t inliers;                      /**< of these, after refinement */
+  int32_t lens;                         /**< cairn_lens_use */
+  char map_id[40];                      /**< 32 hex digits */
+  char reason[260];                     /**< of a miss, for people */
+  int32_t num_rivals;                   /**< of CAIRN_STAGE_RIVALS, the first CAIRN_MAX_RIVALS of which are below */
+  int32_t reserved;                     /**< 0 */
+  cairn_rival rivals[CAIRN_MAX_RIVALS]; /**< most inliers first */
 } cairn_localize_answer;
 
 /** How the images of a stream are followed (cairn/tracker.h). */

@@ -81,6 +81,7 @@ absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Localize(const std::string
   wire::ToProto(query.image, request.mutable_image());
   wire::ToProto(query.camera, request.mutable_camera());
   request.set_time_ns(query.time_ns);
+  if (query.prior) wire::ToProto(*query.prior, request.mutable_prior());
   v1::LocalizeImageResponse response;
   CAIRN_RETURN_IF_ERROR(
       stubs_->Call([&](auto* call) { return stubs_->localize->LocalizeImage(call, request, &response); }));

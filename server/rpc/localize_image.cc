@@ -11,6 +11,9 @@ absl::Status LocalizeImage(const CallContext& context, const v1::LocalizeImageRe
   CAIRN_ASSIGN_OR_RETURN(query.camera, wire::FromProto(request.camera()));
   CAIRN_ASSIGN_OR_RETURN(query.image, GrayImageOf(request.image(), query.camera, context.images));
   query.time_ns = request.time_ns();
+  if (request.has_prior()) {
+    CAIRN_ASSIGN_OR_RETURN(query.prior, wire::FromProto(request.prior()));
+  }
   CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, context.maps->Localize(request.map(), query));
   if (context.observer != nullptr) context.observer->OnLocalized(answer);
   wire::ToProto(answer, response);

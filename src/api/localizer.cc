@@ -15,7 +15,7 @@ const char* LocalizeStageName(LocalizeStage stage) {
     case LocalizeStage::kRefinement:
       return "refinement";
     case LocalizeStage::kRivals:
-      return "rivals";
+      return "ambiguous";
     case LocalizeStage::kDone:
       return "done";
   }

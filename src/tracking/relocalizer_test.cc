@@ -251,8 +251,113 @@ TEST(Relocalizer, LooksOnlyWhereItIsTold) {
   const auto located = [&](SearchArea area) {
     return Relocalizer().Relocalize(*scene.map, *scene.places, kPinhole, view.features, area)->localized;
   };
-  EXPECT_TRUE(located(tracking::SearchArea::Only(here)));
-  EXPECT_FALSE(located(tracking::SearchArea::Except(here)));
+  EXPECT_TRUE(located(SearchArea::Only(here)));
+  EXPECT_FALSE(located(SearchArea::Except(here)));
+}
+
+TEST(Relocalizer, APriorFarFromTheTruthIsSaid) {
+  const Scene& scene = Scene::Get();
+  const SE3 truth = Look({0.4, 0.1, -1.5}, 0.1);
+  const View view = scene.See(truth, 5);
+  SearchArea area;
+  const auto locate = [&](const SE3& prior, double sigma) {
+    area.priors = {{scene.map->LiveComponents().front(), prior.Inverse(), sigma, 0.1}};
+    return Relocalizer().Relocalize(*scene.map, *scene.places, kPinhole, view.features, area);
+  };
+  EXPECT_TRUE(locate(Look({0.5, 0.1, -1.4}, 0.15), 0.1)->localized);
+  const auto off = locate(Look({1.4, 0.1, -1.5}, 0.1), 0.05);
+  EXPECT_FALSE(off->localized);
+  EXPECT_EQ(off->stage, RelocalizationStage::kRefinement);
+  EXPECT_THAT(off->reason, testing::HasSubstr("20 standard deviations from the prior"));
+  // From the other room nothing of this one is looked at.
+  const auto far = locate(Look({20.4, 0.1, -1.5}, 0.1), 0.05);
+  EXPECT_FALSE(far->localized);
+  EXPECT_NE(far->place.reference_keyframe, off->place.reference_keyframe);
+  EXPECT_EQ(locate(truth, 0.0).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+// Two rooms that differ in nothing, far apart in one map.
+TEST(Relocalizer, TwinsAreAmbiguous) {
+  Random random(21);
+  World world;
+  AddRoom(Vector3d::Zero(), 2000, random, &world);
+  const World one = world;
+  for (WorldPoint point : one.points) {
+    point.position.x() += 20.0;
+    world.points.push_back(point);
+  }
+  const auto vocabulary = TrainVocabulary(one);
+  std::vector<SE3> poses = PathInRoom(Vector3d::Zero(), 12);
+  for (const SE3& pose : PathInRoom(Vector3d(20, 0, 0), 12)) poses.push_back(pose);
+  const auto map = BuildMap(world, poses, *vocabulary, {}, random);
+  const auto places = PlaceIndex::Build(vocabulary, *map);
+  ASSERT_TRUE(places.ok());
+  for (int i = 0; i < 6; ++i) {
+    const double x = i % 2 == 0 ? 0.0 : 20.0;
+    const SE3 truth = Look({x - 1.0 + 0.3 * i, 0.1, -1.6}, 0.1);
+    const View view = Observe(world, truth, map->info().orb, {}, random);
+    const auto answer = Relocalizer().Relocalize(*map, *places, kPinhole, view.features);
+    ASSERT_TRUE(answer.ok());
+    EXPECT_FALSE(answer->localized);
+    EXPECT_FALSE(answer->beyond_doubt);
+    EXPECT_EQ(answer->stage, RelocalizationStage::kRivals) << answer->reason;
+    ASSERT_EQ(answer->rivals.size(), 2u);
+    const double a = CenterError(answer->rivals[0].camera_from_map, truth);
+    const double b = CenterError(answer->rivals[1].camera_from_map, truth);
+    EXPECT_LT(std::min(a, b), 0.02);
+    EXPECT_NEAR(std::max(a, b), 20.0, 0.05);
+
+    SearchArea area;
+    area.priors = {{map->LiveComponents().front(), truth.Inverse(), 1.0, 1.0}};
+    const auto told = Relocalizer().Relocalize(*map, *places, kPinhole, view.features, area);
+    ASSERT_TRUE(told->localized) << told->reason;
+    EXPECT_LT(CenterError(told->place.camera_from_map, truth), 0.02);
+    // Who proves it in other ways gets the best.
+    EXPECT_TRUE(
+        Relocalizer(RelocalizerOptions::WithoutRivals()).Relocalize(*map, *places, kPinhole, view.features)->localized);
+  }
+}
+
+TEST(PlacePrior, CountsStandardDeviations) {
+  PlacePrior prior;
+  prior.component = ComponentId(1);
+  prior.map_from_camera = Look({1, 2, 3}, 0.2).Inverse();
+  prior.translation_sigma = 0.5;
+  prior.rotation_sigma_rad = 0.1;
+  ASSERT_TRUE(prior.Validate().ok());
+  EXPECT_NEAR(prior.SigmasFrom(Look({1, 2, 4}, 0.2).Inverse()), 2.0, 1e-9);
+  EXPECT_NEAR(prior.SigmasFrom(Look({1, 2, 3.1}, 0.5).Inverse()), 3.0, 1e-9);
+  SearchArea area;
+  EXPECT_EQ(area.SigmasFrom(ComponentId(1), SE3()), 0.0);
+  area.priors = {prior};
+  EXPECT_NEAR(area.SigmasFrom(ComponentId(1), Look({1, 2, 4}, 0.2).Inverse()), 2.0, 1e-9);
+  EXPECT_TRUE(std::isinf(area.SigmasFrom(ComponentId(2), Look({1, 2, 4}, 0.2).Inverse())));
+  prior.component = ComponentId();
+  EXPECT_FALSE(prior.Validate().ok());
+}
+
+// The covariance of a left increment, from errors of the camera in its own axes: against drawn errors.
+TEST(MapError, TurnsWithTheCamera) {
+  const SE3 pose(Quaterniond(Eigen::AngleAxisd(0.7, Vector3d(1, 2, 3).normalized())), Vector3d(3, -1, 2));
+  Random random(5);
+  Matrix6d drawn = Matrix6d::Zero();
+  constexpr int kDraws = 20000;
+  for (int i = 0; i < kDraws; ++i) {
+    Vector6d error;
+    for (int k = 0; k < 6; ++k) error[k] = (k < 3 ? 0.02 : 0.01) * random.Normal();
+    const Vector6d increment = (pose * SE3::Exp(error) * pose.Inverse()).Log();
+    drawn += increment * increment.transpose() / kDraws;
+  }
+  const Matrix6d covariance = CovarianceAtCamera(pose, 0.02, 0.01);
+  EXPECT_LT((drawn - covariance).norm(), 0.03 * covariance.norm());
+}
+
+TEST(MapError, GrowsWithDepthAndMisfit) {
+  const MapError usual = MapErrorOf({300, 1.0, 2.0});
+  EXPECT_NEAR(usual.translation, 0.0192, 1e-9);
+  EXPECT_NEAR(MapErrorOf({300, 1.0, 4.0}).translation, 2.0 * usual.translation, 1e-9);
+  EXPECT_NEAR(MapErrorOf({300, 0.5, 2.0}).rotation_rad, usual.rotation_rad / 8.0, 1e-9);
+  EXPECT_NEAR(MapErrorOf({75, 1.0, 2.0}).translation, std::sqrt(2.0) * usual.translation, 1e-9);
 }
 
 TEST(PlaceIndex, RejectsAnotherVocabulary) {

@@ -9,12 +9,13 @@ namespace {
 
 using Answer = v1::LocalizeImageResponse;
 
-constexpr std::array<std::pair<api::LocalizeStage, Answer::Stage>, 6> kStages = {{
+constexpr std::array<std::pair<api::LocalizeStage, Answer::Stage>, 7> kStages = {{
     {api::LocalizeStage::kFeatures, Answer::STAGE_FEATURES},
     {api::LocalizeStage::kCandidates, Answer::STAGE_CANDIDATES},
     {api::LocalizeStage::kMatches, Answer::STAGE_MATCHES},
     {api::LocalizeStage::kPnp, Answer::STAGE_PNP},
     {api::LocalizeStage::kRefinement, Answer::STAGE_REFINEMENT},
+    {api::LocalizeStage::kRivals, Answer::STAGE_RIVALS},
     {api::LocalizeStage::kDone, Answer::STAGE_DONE},
 }};
 constexpr std::array<std::pair<api::LensUse, Answer::LensUse>, 3> kLensUses = {{
@@ -39,7 +40,47 @@ auto KeyOf(const Pairs& pairs, Value second) {
   return pairs[0].first;
 }
 
+// A LocatedPose, or the answer, which has the same fields.
+template <class Message>
+void WritePose(const api::LocatedPose& pose, Message* out) {
+  ToProto(pose.map_from_camera, out->mutable_map_from_camera());
+  out->set_component(pose.component.value());
+  ToProto(pose.world_from_camera, out->mutable_world_from_camera());
+  out->set_world_per_map(pose.world_per_map);
+  out->set_world_is_metric(pose.world_is_metric);
+  Write(pose.covariance, out->mutable_covariance());
+  out->set_reference_keyframe(pose.reference_keyframe.value());
+}
+
+template <class Message>
+absl::Status ReadPose(const Message& message, api::LocatedPose* pose) {
+  CAIRN_ASSIGN_OR_RETURN(pose->map_from_camera, FromProto(message.map_from_camera()));
+  pose->component = ComponentId(message.component());
+  CAIRN_ASSIGN_OR_RETURN(pose->world_from_camera, FromProto(message.world_from_camera()));
+  pose->world_per_map = message.world_per_map();
+  pose->world_is_metric = message.world_is_metric();
+  CAIRN_ASSIGN_OR_RETURN(pose->covariance, ReadMatrix(message.covariance()));
+  pose->reference_keyframe = KeyframeId(message.reference_keyframe());
+  return absl::OkStatus();
+}
+
 }  // namespace
+
+void ToProto(const api::PosePrior& prior, v1::PosePrior* out) {
+  ToProto(prior.map_from_camera, out->mutable_map_from_camera());
+  out->set_component(prior.component.value());
+  out->set_position_sigma(prior.position_sigma);
+  out->set_rotation_sigma_rad(prior.rotation_sigma_rad);
+}
+
+absl::StatusOr<api::PosePrior> FromProto(const v1::PosePrior& message) {
+  api::PosePrior prior;
+  CAIRN_ASSIGN_OR_RETURN(prior.map_from_camera, FromProto(message.map_from_camera()));
+  prior.component = ComponentId(message.component());
+  prior.position_sigma = message.position_sigma();
+  prior.rotation_sigma_rad = message.rotation_sigma_rad();
+  return prior;
+}
 
 void ToProto(const api::LocalizeAnswer& answer, Answer* out) {
   out->set_localized(answer.localized);
@@ -58,14 +99,12 @@ void ToProto(const api::LocalizeAnswer& answer, Answer* out) {
   out->set_lens(ValueOf(kLensUses, answer.lens));
   out->set_extract_ms(answer.extract_ms);
   out->set_locate_ms(answer.locate_ms);
-  if (!answer.localized) return;
-  ToProto(answer.map_from_camera, out->mutable_map_from_camera());
-  out->set_component(answer.component.value());
-  ToProto(answer.world_from_camera, out->mutable_world_from_camera());
-  out->set_world_per_map(answer.world_per_map);
-  out->set_world_is_metric(answer.world_is_metric);
-  Write(answer.covariance, out->mutable_covariance());
-  out->set_reference_keyframe(answer.reference_keyframe.value());
+  for (const api::LocatedPose& rival : answer.rivals) {
+    v1::LocatedPose* pose = out->add_rivals();
+    WritePose(rival, pose);
+    pose->set_inliers(rival.inliers);
+  }
+  if (answer.localized) WritePose(answer, out);
 }
 
 absl::StatusOr<api::LocalizeAnswer> FromProto(const Answer& message) {
@@ -82,14 +121,13 @@ absl::StatusOr<api::LocalizeAnswer> FromProto(const Answer& message) {
   answer.lens = KeyOf(kLensUses, message.lens());
   answer.extract_ms = message.extract_ms();
   answer.locate_ms = message.locate_ms();
+  for (const v1::LocatedPose& rival : message.rivals()) {
+    CAIRN_RETURN_IF_ERROR(ReadPose(rival, &answer.rivals.emplace_back()));
+    answer.rivals.back().inliers = rival.inliers();
+  }
   if (!answer.localized) return answer;
-  CAIRN_ASSIGN_OR_RETURN(answer.map_from_camera, FromProto(message.map_from_camera()));
-  answer.component = ComponentId(message.component());
-  CAIRN_ASSIGN_OR_RETURN(answer.world_from_camera, FromProto(message.world_from_camera()));
-  answer.world_per_map = message.world_per_map();
-  answer.world_is_metric = message.world_is_metric();
-  CAIRN_ASSIGN_OR_RETURN(answer.covariance, ReadMatrix(message.covariance()));
-  answer.reference_keyframe = KeyframeId(message.reference_keyframe());
+  CAIRN_RETURN_IF_ERROR(ReadPose(message, &answer));
+  answer.inliers = answer.counts.inliers;
   return answer;
 }
 

@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
-#include <numbers>
 
 #include "api/localizer.h"
 #include "base/files.h"
@@ -14,8 +13,10 @@
 #include "cli/component_report.h"
 #include "cli/input_options.h"
 #include "cli/interrupt.h"
+#include "cli/localize_answer.h"
 #include "cli/localize_target.h"
 #include "cli/pictures.h"
+#include "cli/prior_option.h"
 #include "cli/sample_statistics.h"
 #include "cli/server_option.h"
 #include "io/camera_file.h"
@@ -32,79 +33,13 @@ struct LocalizeOptions {
   std::string map;
   std::string out;
   std::string picture;
+  PriorOptions prior_text;
+  std::optional<api::PosePrior> prior;  // of every image
   bool independent = false;
   bool verbose = false;
   bool overwrite = false;
   bool json = false;
 };
-
-// Of the camera's centre in the world frame. The covariance is of a left increment, which turns about the origin.
-double PositionSigma(const api::LocatedPose& answer) {
-  Eigen::Matrix<double, 3, 6> by_increment;
-  by_increment << Matrix3d::Identity(), -Hat(answer.map_from_camera.translation());
-  return answer.world_per_map * std::sqrt((by_increment * answer.covariance * by_increment.transpose()).trace());
-}
-
-double RotationSigmaDeg(const api::LocatedPose& answer) {
-  return std::sqrt(answer.covariance.bottomRightCorner<3, 3>().trace()) * 180.0 / std::numbers::pi;
-}
-
-bool InWorld(const api::LocatedPose& answer) { return answer.world_is_metric; }
-
-void AddPose(const api::LocatedPose& answer, nlohmann::ordered_json* json) {
-  const SE3& pose = InWorld(answer) ? answer.world_from_camera : answer.map_from_camera;
-  const Vector3d& t = pose.translation();
-  const Quaterniond& q = pose.rotation();
-  AddFrameAndUnit(InWorld(answer), json);
-  (*json)["position"] = {t.x(), t.y(), t.z()};
-  (*json)["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
-  (*json)["position_sigma"] = PositionSigma(answer) / (InWorld(answer) ? 1.0 : answer.world_per_map);
-  (*json)["rotation_sigma_deg"] = RotationSigmaDeg(answer);
-  (*json)["reference_keyframe"] = answer.reference_keyframe.value();
-  (*json)["component"] = answer.component.value();
-}
-
-nlohmann::ordered_json ToJson(const api::LocalizeAnswer& answer, const std::string& path, TimeNs time_ns) {
-  nlohmann::ordered_json json = {{"image", path}, {"time_s", ToSeconds(time_ns)}, {"localized", answer.localized}};
-  if (answer.localized) {
-    AddPose(answer, &json);
-    json["components"] = answer.components;
-  } else {
-    json["failed_stage"] = api::LocalizeStageName(answer.stage);
-    json["reason"] = answer.reason;
-  }
-  if (!answer.rivals.empty()) {
-    json["ambiguous"] = nlohmann::ordered_json::array();
-    for (const api::LocatedPose& rival : answer.rivals) {
-      nlohmann::ordered_json pose = {{"inliers", rival.inliers}};
-      AddPose(rival, &pose);
-      json["ambiguous"].push_back(std::move(pose));
-    }
-  }
-  const api::LocalizeCounts& c = answer.counts;
-  json["counts"] = {
-      {"features", c.features},       {"candidates", c.candidates},         {"word_matches", c.word_matches},
-      {"pnp_inliers", c.pnp_inliers}, {"guided_matches", c.guided_matches}, {"inliers", c.inliers}};
-  json["lens"] = api::LensUseName(answer.lens);
-  json["map"] = answer.map_id;
-  json["revision"] = answer.revision;
-  json["ms"] = answer.extract_ms + answer.locate_ms;
-  return json;
-}
-
-void PrintAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
-  const std::string name = std::filesystem::path(path).filename().string();
-  if (answer.localized) {
-    const Vector3d& t = (InWorld(answer) ? answer.world_from_camera : answer.map_from_camera).translation();
-    std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", name.c_str(), t.x(), t.y(), t.z(),
-                InWorld(answer) ? "m" : "(map units)", answer.counts.inliers, answer.extract_ms + answer.locate_ms);
-    if (answer.components > 1) std::printf(", in component %u", answer.component.value());
-    std::printf("\n");
-  } else {
-    std::printf("%s: not located at stage \"%s\": %s\n", name.c_str(), api::LocalizeStageName(answer.stage),
-                answer.reason.c_str());
-  }
-}
 
 // What came of all queries.
 struct Summary {
@@ -213,6 +148,7 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
   api::LocalizeQuery query;
   CAIRN_ASSIGN_OR_RETURN(const io::CameraFile camera, io::LoadCamera(options.input.open.camera_path));
   query.camera = camera.camera;
+  query.prior = options.prior;
   CAIRN_ASSIGN_OR_RETURN(
       query.image, io::ReadGrayImage(options.input.sequence, cv::Size(query.camera.width_px, query.camera.height_px)));
   const std::string& mask = options.input.open.mask_path;
@@ -227,9 +163,9 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
   summary.Add(answer, 0);
   CAIRN_RETURN_IF_ERROR(WriteOutputs(options, summary));
   if (options.json) {
-    PrintJson(ToJson(answer, options.input.sequence, 0));
+    PrintJson(AnswerToJson(answer, options.input.sequence, 0));
   } else {
-    PrintAnswer(answer, options.input.sequence);
+    PrintLocalizeAnswer(answer, options.input.sequence);
     PrintLensUse(answer.lens);
   }
   return answer.localized ? kOk : kNotLocalized;
@@ -261,10 +197,10 @@ absl::Status LocalizeAll(const LocalizeOptions& options, io::FrameSource& source
     }
     follows = follows && Follow(localizer, summary);
     CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer,
-                           localizer.Localize({frame->gray, source.info().camera, frame->time_ns}));
+                           localizer.Localize({frame->gray, source.info().camera, frame->time_ns, options.prior}));
     summary->Add(answer, frame->time_ns);
-    if (options.verbose && options.json) summary->images.push_back(ToJson(answer, frame->path, frame->time_ns));
-    if (options.verbose && !options.json) PrintAnswer(answer, frame->path);
+    if (options.verbose && options.json) summary->images.push_back(AnswerToJson(answer, frame->path, frame->time_ns));
+    if (options.verbose && !options.json) PrintLocalizeAnswer(answer, frame->path);
     progress.Update(frame->index + 1, absl::StrCat(summary->localized, " of ", summary->frames, " located"));
   }
   return absl::OkStatus();
@@ -296,12 +232,15 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, LocalizeTar
   return summary.localized > 0 ? kOk : kNotLocalized;
 }
 
-absl::StatusOr<int> Localize(const LocalizeOptions& options) {
+absl::StatusOr<int> Localize(LocalizeOptions options) {
   InterruptWatch interrupt;
   std::error_code error;
   if (!options.server.empty() && !options.picture.empty()) {
     return FailUsage("localize", "--picture draws a map file: not with --server", options.json);
   }
+  absl::StatusOr<std::optional<api::PosePrior>> prior = ReadPrior(options.prior_text);
+  if (!prior.ok()) return FailUsage("localize", std::string(prior.status().message()), options.json);
+  options.prior = *std::move(prior);
   const bool photo = std::filesystem::is_regular_file(options.input.sequence, error);
   if (!std::filesystem::exists(options.input.sequence, error)) {
     return absl::NotFoundError(
@@ -344,6 +283,7 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
       "Write the poses found to this file (TUM format); of a map of several components those in the aligned "
       "ones, or in the largest");
   verb->add_option("--picture", options->picture, "Draw the map and the cameras found to this .png or .svg file");
+  AddPriorOptions(verb, &options->prior_text);
   verb->add_flag("--independent", options->independent,
                  "Locate each image on its own, without help from the ones before it (needed for a sequence)");
   verb->add_flag("--verbose", options->verbose, "Print the answer for each image (with --json: as `images`)");
@@ -356,6 +296,9 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
       "Examples:\n"
       "  cairn localize second_visit --camera camera.yaml --map office.cairn --independent --out poses.txt\n"
       "  cairn localize photo.jpg --camera camera.yaml --map office.cairn\n"
+      "  cairn localize photo.jpg --camera camera.yaml --map office.cairn --prior \"1.2 0.4 1.5 0 0 0 1\" "
+      "--prior-sigma \"0.5 "
+      "10\"\n"
       "  cairn --server localhost:7878 localize photo.jpg --camera camera.yaml --map office");
   verb->callback([=, &app] {
     options->server = ServerOf(app);

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "cairn/export.h"
 #include "cairn/pose.h"
@@ -17,6 +18,7 @@ enum class LocalizeStage {
   kMatches,     ///< too few features match those of the keyframes that do
   kPnp,         ///< the matches agree on no pose
   kRefinement,  ///< the pose is not confirmed by the rest of the map around it
+  kRivals,      ///< the image fits several places about as well
   kDone,        ///< found
 };
 /// "features", "place candidates", ...
@@ -41,12 +43,27 @@ enum class LensUse {
 /// "none", "corrected", "other calibration".
 CAIRN_API const char* LensUseName(LensUse use) noexcept;
 
+/// One of several places that an image fits.
+struct RivalPose {
+  Pose map_from_camera;                  ///< in the frame of `component`, in its units
+  std::uint32_t component = 0;           ///< places in different components mean nothing to each other
+  Pose world_from_camera;                ///< the same as map_from_camera while the component is not aligned
+  double world_per_map = 1.0;            ///< metres per unit of the map, once aligned
+  bool world_is_metric = false;          ///< the component has been aligned
+  PoseCovariance covariance{};           ///< of map_from_camera
+  std::uint32_t reference_keyframe = 0;  ///< the one that shares most points
+  int inliers = 0;                       ///< points of the map that are seen where the pose puts them
+};
+
 /// Where a single image was taken; or, if `localized` is false, why that is not known.
 struct LocalizeAnswer {
   bool localized = false;                          ///< the pose is valid
   LocalizeStage stage = LocalizeStage::kFeatures;  ///< reached; kDone if localized
   std::string reason;                              ///< of a miss, for people
   LocalizeCounts counts;                           ///< for both
+  /// If `stage` is kRivals: the places that fit about as well, at least two, most inliers first. Which one it is a
+  /// prior can tell, or a camera that moves on.
+  std::vector<RivalPose> rivals;
 
   Pose map_from_camera;          ///< in the frame of `component`, in its units
   std::uint32_t component = 0;   ///< places in different components mean nothing to each other; 0: none

@@ -4,21 +4,35 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "cairn/answers.h"
 #include "cairn/call_options.h"
 #include "cairn/camera.h"
 #include "cairn/export.h"
 #include "cairn/image_view.h"
+#include "cairn/pose.h"
 #include "cairn/status.h"
 
 CAIRN_BEGIN_NAMESPACE
 
+/// Where a camera is thought to be: it narrows the search, and excludes what only looks alike. An image that fits
+/// nowhere near it is not located. Standard deviations per axis.
+struct PosePrior {
+  /// In the frame of `component`, in its units; without one in the world frame of the components that are aligned, or
+  /// in the frame of the only component.
+  Pose map_from_camera;
+  std::uint32_t component = 0;      ///< 0: none
+  double position_sigma = 0.0;      ///< greater than 0; infinite: unknown
+  double rotation_sigma_rad = 0.0;  ///< greater than 0
+};
+
 /// One image, and the camera that took it: any camera, not only one that made the map.
 struct LocalizeQuery {
-  ImageView image;           ///< of the size of the camera
-  Camera camera;             ///< of that image
-  std::int64_t time_ns = 0;  ///< when it was taken, on the caller's clock
+  ImageView image;                                ///< of the size of the camera
+  Camera camera;                                  ///< of that image
+  std::int64_t time_ns = 0;                       ///< when it was taken, on the caller's clock
+  std::optional<PosePrior> prior = std::nullopt;  ///< never needed
 };
 
 /// Finds single images in a map, each on its own. Made by Map::NewLocalizer(); keeps what it needs of the map alive,

@@ -1,0 +1,95 @@
+#include "cli/localize_answer.h"
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <numbers>
+#include <utility>
+
+#include "cli/component_report.h"
+
+namespace cairn::cli {
+namespace {
+
+// Of the camera's centre in the world frame. The covariance is of a left increment, which turns about the origin.
+double PositionSigma(const api::LocatedPose& answer) {
+  Eigen::Matrix<double, 3, 6> by_increment;
+  by_increment << Matrix3d::Identity(), -Hat(answer.map_from_camera.translation());
+  return answer.world_per_map * std::sqrt((by_increment * answer.covariance * by_increment.transpose()).trace());
+}
+
+double RotationSigmaDeg(const api::LocatedPose& answer) {
+  return std::sqrt(answer.covariance.bottomRightCorner<3, 3>().trace()) * 180.0 / std::numbers::pi;
+}
+
+bool InWorld(const api::LocatedPose& answer) { return answer.world_is_metric; }
+
+void AddPose(const api::LocatedPose& answer, nlohmann::ordered_json* json) {
+  const SE3& pose = InWorld(answer) ? answer.world_from_camera : answer.map_from_camera;
+  const Vector3d& t = pose.translation();
+  const Quaterniond& q = pose.rotation();
+  AddFrameAndUnit(InWorld(answer), json);
+  (*json)["position"] = {t.x(), t.y(), t.z()};
+  (*json)["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
+  (*json)["position_sigma"] = PositionSigma(answer) / (InWorld(answer) ? 1.0 : answer.world_per_map);
+  (*json)["rotation_sigma_deg"] = RotationSigmaDeg(answer);
+  (*json)["reference_keyframe"] = answer.reference_keyframe.value();
+  (*json)["component"] = answer.component.value();
+}
+
+void PrintRivals(const api::LocalizeAnswer& answer) {
+  for (const api::LocatedPose& rival : answer.rivals) {
+    const Vector3d& t = (InWorld(rival) ? rival.world_from_camera : rival.map_from_camera).translation();
+    std::printf("  perhaps at %.4f %.4f %.4f %s, %d inliers, keyframe %u of component %u\n", t.x(), t.y(), t.z(),
+                InWorld(rival) ? "m" : "(map units)", rival.inliers, rival.reference_keyframe.value(),
+                rival.component.value());
+  }
+  if (!answer.rivals.empty()) std::printf("  --prior tells them apart\n");
+}
+
+}  // namespace
+
+nlohmann::ordered_json AnswerToJson(const api::LocalizeAnswer& answer, const std::string& path, TimeNs time_ns) {
+  nlohmann::ordered_json json = {{"image", path}, {"time_s", ToSeconds(time_ns)}, {"localized", answer.localized}};
+  if (answer.localized) {
+    AddPose(answer, &json);
+    json["components"] = answer.components;
+  } else {
+    json["failed_stage"] = api::LocalizeStageName(answer.stage);
+    json["reason"] = answer.reason;
+  }
+  if (!answer.rivals.empty()) {
+    json["ambiguous"] = nlohmann::ordered_json::array();
+    for (const api::LocatedPose& rival : answer.rivals) {
+      nlohmann::ordered_json pose = {{"inliers", rival.inliers}};
+      AddPose(rival, &pose);
+      json["ambiguous"].push_back(std::move(pose));
+    }
+  }
+  const api::LocalizeCounts& c = answer.counts;
+  json["counts"] = {
+      {"features", c.features},       {"candidates", c.candidates},         {"word_matches", c.word_matches},
+      {"pnp_inliers", c.pnp_inliers}, {"guided_matches", c.guided_matches}, {"inliers", c.inliers}};
+  json["lens"] = api::LensUseName(answer.lens);
+  json["map"] = answer.map_id;
+  json["revision"] = answer.revision;
+  json["ms"] = answer.extract_ms + answer.locate_ms;
+  return json;
+}
+
+void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
+  const std::string name = std::filesystem::path(path).filename().string();
+  if (answer.localized) {
+    const Vector3d& t = (InWorld(answer) ? answer.world_from_camera : answer.map_from_camera).translation();
+    std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", name.c_str(), t.x(), t.y(), t.z(),
+                InWorld(answer) ? "m" : "(map units)", answer.counts.inliers, answer.extract_ms + answer.locate_ms);
+    if (answer.components > 1) std::printf(", in component %u", answer.component.value());
+    std::printf("\n");
+  } else {
+    std::printf("%s: not located at stage \"%s\": %s\n", name.c_str(), api::LocalizeStageName(answer.stage),
+                answer.reason.c_str());
+    PrintRivals(answer);
+  }
+}
+
+}  // namespace cairn::cli
