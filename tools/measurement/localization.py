@@ -1,6 +1,49 @@
 """Finding the camera in a map, and reproducing the paper's published medians."""
-from .trajectories import cam1_from_cam0, read_times
-from .work import DATA, cairn, median_of_runs
+import statistics
+
+import numpy as np
+from PIL import Image
+
+from .trajectories import angle_deg, cam1_from_cam0, matrix_from_quaternion, read_poses, read_times
+from .work import DATA, cairn, median_of_runs, rendered
+
+# Of the kitchen's images: how Pillow makes them, and the camera that they are from then.
+CHANGES = {
+    'halved': (lambda image: image.resize((320, 240), Image.BOX), (320, 240), (262.5, 262.5, 159.75, 119.75)),
+    'doubled': (lambda image: image.resize((1280, 960), Image.BICUBIC), (1280, 960), (1050.0, 1050.0, 640.5, 480.5)),
+    'turned by 90 degrees': (lambda image: image.transpose(Image.ROTATE_270), (480, 640), (525.0, 525.0, 239.0, 320.0)),
+    'turned by 180 degrees': (lambda image: image.transpose(Image.ROTATE_180), (640, 480), (525.0, 525.0, 319.0, 239.0)),
+}
+
+
+def changed_kitchen(folder, change):
+    """Every second image of the kitchen from 20 s on, changed; its folder with a camera file."""
+    function, size, intrinsics = CHANGES[change]
+    (folder / 'rgb').mkdir(parents=True)
+    source = DATA / 'redkitchen'
+    lines = [line for line in open(source / 'rgb.txt') if not line.startswith('#') and float(line.split()[0]) >= 20.0][::2]
+    for line in lines:
+        name = line.split()[1]
+        function(Image.open(source / name)).save(folder / name, quality=95)
+    (folder / 'rgb.txt').write_text(''.join(lines))
+    (folder / 'camera.yaml').write_text(
+        f'model: pinhole\nresolution_px: {list(size)}\nintrinsics_px: {list(intrinsics)}\ndistortion: []\n')
+    return folder
+
+
+def judged(answer, reference, max_dt=0.006):
+    """Of the images located: position error, angle in degrees, and both squared over their variance."""
+    true = read_poses(reference)
+    times = np.array([time for time, _ in true])
+    rows = []
+    for image in answer['images']:
+        at = int(np.abs(times - image['time_s']).argmin())
+        if not image['localized'] or abs(times[at] - image['time_s']) > max_dt:
+            continue
+        apart = float(np.linalg.norm(np.array(image['position']) - true[at][1][:3, 3]))
+        turned = angle_deg(matrix_from_quaternion(*image['quaternion_xyzw']).T @ true[at][1][:3, :3])
+        rows.append((apart, turned, (apart / image['position_sigma']) ** 2, (turned / image['rotation_sigma_deg']) ** 2))
+    return rows
 
 
 class Localization:
@@ -21,6 +64,69 @@ class Localization:
                     'all': every['within'] / with_reference, 'p50_ms': located['latency_ms']['median'],
                     'p99_ms': located['latency_ms']['p99']}
         return self.once('relocalization', lambda: median_of_runs(self.runs, one))
+
+    def images(self, folder, map_file, *arguments):
+        return cairn('localize', folder, '--map', map_file, '--independent', '--verbose', *arguments, expect=(0, 4))
+
+    def single_images(self):
+        """Of redkitchen from 20 s on in the map of its first 20 s; of kitti00, which it cannot know."""
+        def one(run):
+            folder, map_file = DATA / 'redkitchen', self.kitchen_map(run)
+            located = self.images(folder, map_file, '--camera', folder / 'camera.yaml', '--from', 20)
+            rows = judged(located, folder / 'reference_sfm.txt')
+            elsewhere = self.images(DATA / 'kitti00', map_file, '--stride', 2)
+            return {'located': located['localized_share'], 'p50_ms': located['latency_ms']['median'],
+                    'nees': statistics.mean(row[2] for row in rows), 'nees_rotation': statistics.mean(row[3] for row in rows),
+                    'median': statistics.median(row[0] for row in rows), 'answers': float(elsewhere['localized']),
+                    'miss_ms': elsewhere['latency_ms']['median']}
+        return self.once('single images', lambda: median_of_runs(self.runs, one))
+
+    def changed_images(self, change):
+        """How many points of a hundred fewer are located than of the same images as they are."""
+        def one(run):
+            source, map_file = DATA / 'redkitchen', self.kitchen_map(run)
+            folder = self.once(f'kitchen {change}', lambda: changed_kitchen(self.path(change.replace(' ', '_')), change))
+            usual = self.images(source, map_file, '--camera', source / 'camera.yaml', '--from', 20, '--stride', 2)
+            located = self.images(folder, map_file, '--camera', folder / 'camera.yaml')
+            return {'lost': 100 * (usual['localized_share'] - located['localized_share'])}
+        return self.once(f'changed {change}', lambda: median_of_runs(self.runs, one))
+
+    def alike_corridors(self):
+        """Images of another visit to a corridor with two sides that are exactly alike, in the map of both."""
+        def one(seed):
+            folder = rendered(self.worlds / f'aliasing_{seed}', 'aliasing', '--seed', seed)
+            visit = rendered(self.worlds / f'aliasing_{seed}_2', 'aliasing', '--seed', seed, '--session', 2, '--duration', 40,
+                             '--rate', 5)
+            map_file = self.path(f'alike_corridor_{seed}.cairn')
+            cairn('run', folder, *self.mode, '--map', map_file, '--overwrite')
+            cairn('align', map_file, '--groundtruth', folder / 'groundtruth_cam0.txt')
+            answer = self.images(visit, map_file)
+            rows = judged(answer, visit / 'groundtruth_cam0.txt')
+            wrong = sum(row[0] > 0.5 for row in rows)
+            ambiguous = sum('ambiguous' in image for image in answer['images'])
+            print(f'        corridor {seed}: {len(rows)} located, {wrong} in the wrong side, {ambiguous} ambiguous of '
+                  f'{answer["frames"]}', flush=True)
+            return {'wrong': wrong, 'told': (len(rows) + ambiguous) / answer['frames']}
+
+        def all_seeds():
+            results = [one(seed) for seed in range(1, self.seeds + 1)]
+            return {'wrong': sum(r['wrong'] for r in results), 'told': min(r['told'] for r in results)}
+        return self.once('alike corridors', all_seeds)
+
+    def office_images(self):
+        """Every third image of a second visit to a rendered room in the map of the first."""
+        def one(seed):
+            first = rendered(self.worlds / f'office_{seed}', 'office', '--seed', seed)
+            visit = rendered(self.worlds / f'track_office_{seed}_2', 'office', '--seed', seed, '--session', 2, '--duration', 12)
+            map_file = self.path(f'images_office_{seed}.cairn')
+            cairn('run', first, *self.mode, '--map', map_file, '--overwrite')
+            cairn('align', map_file, '--groundtruth', first / 'groundtruth_cam0.txt')
+            return judged(self.images(visit, map_file, '--stride', 3), visit / 'groundtruth_cam0.txt')
+
+        def all_seeds():
+            rows = [row for seed in range(1, self.seeds + 1) for row in one(seed)]
+            return {'nees': statistics.mean(row[2] for row in rows), 'nees_rotation': statistics.mean(row[3] for row in rows)}
+        return self.once('office images', all_seeds)
 
     def stereo(self):
         def one():
