@@ -7,7 +7,6 @@ namespace cairn::client {
 namespace {
 
 constexpr double kManyInliers = 150.0;
-constexpr double kMisfitPower = 3.0;
 constexpr double kLearn = 0.1;  // weight of a match in Drift
 constexpr double kMostSurprise = 9.0;
 constexpr double kLeastDrift = 0.5, kMostDrift = 4.0;
@@ -23,10 +22,7 @@ absl::Status DriftOptions::Validate() const {
   if (!(depth_share > 0.0 && rotation_rad > 0.0)) return bad("depth_share and rotation_rad must be positive");
   if (!(match_noise > 0.0)) return bad("match_noise must be positive");
   if (!(blind_factor >= 1.0)) return bad("blind_factor must be at least 1");
-  if (!(map_depth_share >= 0.0 && map_rotation_rad >= 0.0)) {
-    return bad("map_depth_share and map_rotation_rad must not be negative");
-  }
-  return absl::OkStatus();
+  return map.Validate();
 }
 
 void Odometer::Add(const SE3& motion, double factor) {
@@ -68,17 +64,12 @@ double Blend(const Anchor& before, const SE3& carried, const MotionSigma& motion
 
 Matrix6d CovarianceOf(const Anchor& anchor, const SE3& map_from_camera, const MotionSigma& motion,
                       const DriftOptions& options) {
-  // At its edge a map knows few points, and those from few sides.
-  const double few = std::sqrt(std::max(1.0, kManyInliers / std::max(anchor.inliers, 1)));
-  const double misfit = few * std::pow(anchor.residual_rms, kMisfitPower);
-  const double map_sigma = misfit * options.map_depth_share * anchor.place.median_depth;
-  const double map_rotation_rad = misfit * options.map_rotation_rad;
-  Vector6d variance;
-  variance << Vector3d::Constant(motion.translation * motion.translation + map_sigma * map_sigma),
-      Vector3d::Constant(motion.rotation_rad * motion.rotation_rad + map_rotation_rad * map_rotation_rad);
-  // T Exp(x) = Exp(Ad(T) x) T; a left increment of the anchor's pose is one of every pose that hangs on it.
-  const Matrix6d adjoint = map_from_camera.Adjoint();
-  return anchor.covariance + adjoint * variance.asDiagonal() * adjoint.transpose();
+  const tracking::MapError map =
+      tracking::MapErrorOf({anchor.inliers, anchor.residual_rms, anchor.place.median_depth}, options.map);
+  // A left increment of the anchor's pose is one of every pose that hangs on it.
+  return anchor.covariance + tracking::CovarianceAtCamera(map_from_camera,
+                                                          std::hypot(motion.translation, map.translation),
+                                                          std::hypot(motion.rotation_rad, map.rotation_rad));
 }
 
 }  // namespace cairn::client

@@ -18,6 +18,7 @@
 #include "client/map_matcher.h"
 #include "direct/packet.h"
 #include "geometry/se3.h"
+#include "tracking/map_error.h"
 
 namespace cairn::client {
 
@@ -33,12 +34,7 @@ struct DriftOptions {
   double match_noise = 0.00075;
   // What a frame that the image did not show, but the motion before, counts more.
   double blind_factor = 20.0;
-  // Of the map, per axis, times the cube of Anchor::residual_rms, and more where few points are seen: where a
-  // map is bent, or its lens or shutter not what the model says, images fit it worse. A measured law, not a derived
-  // one: in rendered worlds residuals are half as large as in a recording of a handheld camera with a rolling shutter,
-  // and the errors a fifth (docs/benchmarks.md).
-  double map_depth_share = 0.0096;
-  double map_rotation_rad = 0.0077;
+  tracking::MapErrorOptions map;
 
   absl::Status Validate() const;
 };
