@@ -141,14 +141,14 @@ absl::Status RemoteSession::Persist(const std::function<absl::Status()>& attempt
   return status;
 }
 
-void RemoteSession::Keep(const v1::RunSessionRequest& frame) {
+void RemoteSession::Keep(v1::RunSessionRequest frame) {
   const auto drop = [&] {
     kept_bytes_ -= kept_.front().frame().image().gray().size();
     kept_.pop_front();
   };
   while (!kept_.empty() && progress_.durable_ns && kept_.front().frame().time_ns() <= *progress_.durable_ns) drop();
-  kept_.push_back(frame);
   kept_bytes_ += frame.frame().image().gray().size();
+  kept_.push_back(std::move(frame));
   while (kept_.size() > kMaxKeptFrames || (kept_.size() > 1 && kept_bytes_ > kMaxKeptBytes)) drop();
 }
 
@@ -170,7 +170,7 @@ absl::StatusOr<api::SessionAnswer> RemoteSession::AddFrame(const api::SessionFra
       return Exchange(request, &response);
     }));
     CAIRN_ASSIGN_OR_RETURN(const api::SessionAnswer answer, wire::FromProto(response.frame()));
-    Keep(request);
+    Keep(std::move(request));
     return answer;
   });
 }

@@ -53,7 +53,7 @@ class RemoteSession final : public api::MapSession {
   absl::Status BeginAnew();
   // `attempt` until it succeeds, fails for good, or the outage lasts too long; reconnects before all but the first.
   absl::Status Persist(const std::function<absl::Status()>& attempt);
-  void Keep(const v1::RunSessionRequest& frame);
+  void Keep(v1::RunSessionRequest frame);
 
   const RemoteOptions options_;
   const std::shared_ptr<grpc::Channel> channel_;

@@ -1,5 +1,6 @@
 #include "client/remote/remote_tracker.h"
 
+#include <chrono>
 #include <utility>
 
 #include "base/guarded.h"
@@ -51,6 +52,7 @@ absl::Status RemoteTracker::Connect() {
 
 absl::StatusOr<api::TrackAnswer> RemoteTracker::Track(const api::TrackFrame& frame) {
   return Guarded([&]() -> absl::StatusOr<api::TrackAnswer> {
+    const auto begin = std::chrono::steady_clock::now();
     CAIRN_RETURN_IF_ERROR(CheckImage(frame.image, camera_, "track"));
     CAIRN_RETURN_IF_ERROR(Connect());
     v1::TrackFramesRequest request;
@@ -58,7 +60,9 @@ absl::StatusOr<api::TrackAnswer> RemoteTracker::Track(const api::TrackFrame& fra
     wire::ToProto(frame.image, request.mutable_frame()->mutable_image());
     v1::TrackFramesResponse response;
     CAIRN_RETURN_IF_ERROR(Exchange(request, &response));
-    return wire::FromProto(response.answer());
+    CAIRN_ASSIGN_OR_RETURN(api::TrackAnswer answer, wire::FromProto(response.answer()));
+    answer.track_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+    return answer;
   });
 }
 

@@ -1,5 +1,5 @@
 // Tracking at a daemon: every frame is sent there, and its pose comes back. For clients that cannot track by
-// themselves; without the network there is no pose.
+// themselves; without the network there is no pose. The server has no photometric calibration: exposures are not sent.
 #pragma once
 
 #include <cairn/v1/track.grpc.pb.h>

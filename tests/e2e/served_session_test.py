@@ -55,6 +55,11 @@ class ServedSessions(unittest.TestCase):
         self.assertEqual(extended['joins'], 1)
         self.assertEqual(cairn('--server', self.server.address, 'run', self.first, '--map', 'office').code, 1, 'it exists')
         self.assertEqual(cairn('--server', self.server.address, 'run', self.first, '--map', 'x', '--deterministic').code, 2)
+        tracked = cairn('--server', self.server.address, 'track', self.second, '--map', 'office')
+        self.assertEqual(tracked.code, 0, tracked.out)
+        self.assertEqual(tracked.json['with_pose_share'], 1.0)
+        self.assertEqual(cairn('--server', self.server.address, 'track', self.second, '--map', 'none').code, 1)
+        self.assertEqual(cairn('--server', self.server.address, 'track', self.second, '--map', 'office', '--mode', 'features').code, 2)
         # The file is an ordinary map once the server has let go of it.
         self.assertEqual(self.server.stop(), 0)
         info = must('info', self.maps / 'office.cairn')

@@ -21,7 +21,8 @@
 #include "cli/interrupt.h"
 #include "cli/process_memory.h"
 #include "cli/sample_statistics.h"
-#include "client/local_tracker.h"
+#include "cli/server_option.h"
+#include "cli/track_target.h"
 #include "io/trajectory.h"
 
 namespace cairn::cli {
@@ -31,6 +32,7 @@ using Clock = std::chrono::steady_clock;
 
 struct TrackOptions {
   InputOptions input;
+  std::string server;
   std::string map;
   std::string out;
   std::string states;
@@ -189,7 +191,7 @@ class PacedSource {
   TimeNs first_ns_ = 0;
 };
 
-absl::Status TrackAll(const TrackOptions& options, io::FrameSource& source, client::LocalTracker& tracker,
+absl::Status TrackAll(const TrackOptions& options, io::FrameSource& source, TrackTarget& target,
                       const std::atomic<bool>& stop, SkippedFrames* skipped, Summary* summary) {
   Progress progress("tracking", source.info().num_frames, options.json);
   PacedSource paced(&source, options.realtime_speed, skipped);
@@ -198,13 +200,17 @@ absl::Status TrackAll(const TrackOptions& options, io::FrameSource& source, clie
   while (!stop) {
     CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, paced.Next(&summary->dropped));
     if (!frame) break;
-    const absl::StatusOr<api::TrackAnswer> answer = tracker.Track({frame->gray, frame->time_ns, frame->exposure_s});
+    const absl::StatusOr<api::TrackAnswer> answer =
+        target.tracker->Track({frame->gray, frame->time_ns, frame->exposure_s});
     if (absl::IsInvalidArgument(answer.status())) {
       if (summary->refused++ == 0) skipped->Add(frame->path, answer.status());
       continue;
     }
     CAIRN_RETURN_IF_ERROR(answer.status());
-    if (answer->world_is_metric && !summary->metric) summary->together = TogetherInOneFrame(tracker.snapshot());
+    if (answer->world_is_metric && !summary->metric) {
+      CAIRN_ASSIGN_OR_RETURN(const CommonFrame frame_now, target.frame());
+      summary->together = frame_now.components;
+    }
     summary->Add(*answer, !options.states.empty());
     progress.Update(frame->index + 1, absl::StrCat(summary->WithPose(), " of ", summary->frames, " with a pose"));
   }
@@ -289,24 +295,24 @@ void PrintSummary(const TrackOptions& options, const Summary& summary, std::int6
 absl::StatusOr<int> Track(const TrackOptions& options) {
   InterruptWatch interrupt;
   std::vector<std::string> inputs = InputFiles(options.input);
-  inputs.push_back(options.map);
+  if (options.server.empty()) inputs.push_back(options.map);
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out, options.states}, inputs));
   for (const std::string* output : {&options.out, &options.states}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input, "track"));
-  CAIRN_ASSIGN_OR_RETURN(
-      const std::unique_ptr<client::LocalTracker> tracker,
-      client::LocalTracker::Open(options.map, source->info().camera, TrackerOptions(options, source->info())));
+  CAIRN_ASSIGN_OR_RETURN(TrackTarget target, OpenTrackTarget(options.server, options.map, source->info().camera,
+                                                             TrackerOptions(options, source->info())));
+  CAIRN_ASSIGN_OR_RETURN(const CommonFrame common, target.frame());
   SkippedFrames skipped("track", options.json);
   Summary summary;
-  summary.together = TogetherInOneFrame(tracker->snapshot());
-  summary.metric = !summary.together.empty() && tracker->snapshot().WorldFrom(summary.together[0]).has_value();
+  summary.together = common.components;
+  summary.metric = common.metric;
   absl::Status status;
   {
     std::atomic<bool> stop = false;
     const InterruptWatch::Guard guard(&interrupt, [&] { stop = true; });
-    status = Guarded([&] { return TrackAll(options, *source, *tracker, stop, &skipped, &summary); });
+    status = Guarded([&] { return TrackAll(options, *source, target, stop, &skipped, &summary); });
   }
   const bool interrupted = interrupt.exit_code() != 0;
   if (status.ok() && summary.frames == 0 && !interrupted) {
@@ -327,7 +333,8 @@ void AddTrackCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("track", "Follow a camera through a sequence in a map that is not touched");
   auto options = std::make_shared<TrackOptions>();
   AddInputOptions(verb, &options->input);
-  verb->add_option("--map", options->map, "Map file (.cairn); it is only read")->required();
+  verb->add_option("--map", options->map, "Map file (.cairn), with --server the name of a map there; it is only read")
+      ->required();
   verb->add_option("--out", options->out,
                    "Write the poses of located, tracked and carried frames to this file (TUM format; in the world if "
                    "the map is aligned); of a map of several components those in the aligned ones, or in the largest");
@@ -354,8 +361,13 @@ void AddTrackCommand(CLI::App& app, Action* action) {
       "Examples:\n"
       "  cairn track second_visit --camera camera.yaml --map office.cairn --out poses.txt\n"
       "  cairn track second_visit --map office.cairn --out poses.txt --states states.txt --realtime\n"
-      "  cairn track second_visit --map office.cairn --mode features --json");
-  verb->callback([=] {
+      "  cairn track second_visit --map office.cairn --mode features --json\n"
+      "  cairn --server localhost:7878 track second_visit --map office --realtime");
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
+    for (const char* local : {"--mode", "--deterministic"}) {
+      if (!options->server.empty() && verb->get_option(local)->count() > 0) throw CLI::ExcludesError(local, "--server");
+    }
     *action = [=] {
       const absl::StatusOr<int> code = Track(*options);
       return code.ok() ? *code : Fail("track", code.status(), options->json);

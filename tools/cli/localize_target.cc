@@ -2,7 +2,6 @@
 
 #include <utility>
 
-#include "cli/component_report.h"
 #include "cli/server_option.h"
 #include "client/local_localizer.h"
 
@@ -25,11 +24,7 @@ class MapFile final : public LocalizeTarget {
   const CommonFrame& frame() const override { return frame_; }
 
  private:
-  void Look() {
-    const map::Snapshot& map = localizer_->snapshot();
-    frame_.components = TogetherInOneFrame(map);
-    frame_.metric = !frame_.components.empty() && map.WorldFrom(frame_.components[0]).has_value();
-  }
+  void Look() { frame_ = CommonFrameOf(localizer_->snapshot()); }
 
   const std::unique_ptr<client::LocalLocalizer> localizer_;
   CommonFrame frame_;
@@ -40,19 +35,10 @@ class ServedMap final : public LocalizeTarget {
  public:
   ServedMap(std::unique_ptr<client::RemoteMapService> service, const std::string& map,
             const api::MapDescription& description)
-      : service_(std::move(service)), localizer_(service_.get(), map), revision_(description.summary.revision) {
-    std::int64_t most = 0;
-    for (const api::ComponentInfo& component : description.components) {
-      if (component.joined_into || component.keyframes == 0) continue;
-      const bool aligned = component.world_from_component.has_value();
-      if (frame_.metric && !aligned) continue;
-      if (!aligned && component.keyframes <= most) continue;
-      if (!aligned || !frame_.metric) frame_.components.clear();
-      frame_.components.push_back(component.id);
-      frame_.metric = aligned;
-      most = component.keyframes;
-    }
-  }
+      : service_(std::move(service)),
+        localizer_(service_.get(), map),
+        revision_(description.summary.revision),
+        frame_(CommonFrameOf(description)) {}
 
   absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override {
     return localizer_.Localize(query);
@@ -65,7 +51,7 @@ class ServedMap final : public LocalizeTarget {
   const std::unique_ptr<client::RemoteMapService> service_;
   api::ServedLocalizer localizer_;
   const Revision revision_;
-  CommonFrame frame_;
+  const CommonFrame frame_;
 };
 
 }  // namespace

@@ -3,19 +3,13 @@
 
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "api/localizer.h"
 #include "base/ids.h"
 #include "base/status.h"
+#include "cli/common_frame.h"
 
 namespace cairn::cli {
-
-// The components whose poses can be written together, and whether their frame is the world.
-struct CommonFrame {
-  std::vector<ComponentId> components;
-  bool metric = false;
-};
 
 class LocalizeTarget : public api::Localizer {
  public:

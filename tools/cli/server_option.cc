@@ -8,8 +8,9 @@ constexpr const char* kOption = "--server";
 }  // namespace
 
 void AddServerOption(CLI::App& app) {
-  app.add_option(kOption,
-                 "HOST:PORT of a cairnd: ls, info, localize, run and bench server ask it, and MAP is a name there");
+  app.add_option(
+      kOption,
+      "HOST:PORT of a cairnd: ls, info, localize, track, run and bench server ask it, and MAP is a name there");
 }
 
 std::string ServerOf(const CLI::App& app) {

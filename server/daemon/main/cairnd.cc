@@ -1,4 +1,5 @@
 // cairnd: the map server.
+#include <google/protobuf/stubs/logging.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -102,8 +103,10 @@ int Serve(const DaemonOptions& options, const sigset_t& signals) {
 int Main(int argc, char** argv) {
   const sigset_t signals = EndingSignals();
   std::signal(SIGPIPE, SIG_IGN);
-  setenv("GRPC_VERBOSITY", "NONE", /*overwrite=*/0);  // what goes wrong is in the answers
-  cv::setNumThreads(1);                               // OpenCV's threads fight ours
+  // What goes wrong with a call is in its answer and in our own log.
+  setenv("GRPC_VERBOSITY", "NONE", /*overwrite=*/0);
+  google::protobuf::SetLogHandler(nullptr);
+  cv::setNumThreads(1);  // OpenCV's threads fight ours
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   spdlog::set_default_logger(spdlog::stderr_color_mt("cairnd"));
   spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e %l %v");

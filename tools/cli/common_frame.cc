@@ -1,0 +1,28 @@
+#include "cli/common_frame.h"
+
+#include <algorithm>
+
+#include "cli/component_report.h"
+
+namespace cairn::cli {
+
+CommonFrame CommonFrameOf(const map::Snapshot& map) {
+  CommonFrame frame;
+  frame.components = TogetherInOneFrame(map);
+  frame.metric = !frame.components.empty() && map.WorldFrom(frame.components[0]).has_value();
+  return frame;
+}
+
+CommonFrame CommonFrameOf(const api::MapDescription& map) {
+  CommonFrame aligned{{}, true}, largest;
+  std::int64_t most = 0;
+  for (const api::ComponentInfo& component : map.components) {
+    if (component.joined_into || component.keyframes == 0) continue;
+    if (component.world_from_component) aligned.components.push_back(component.id);
+    if (component.keyframes > most) largest.components = {component.id};
+    most = std::max(most, component.keyframes);
+  }
+  return aligned.components.empty() ? largest : aligned;
+}
+
+}  // namespace cairn::cli
