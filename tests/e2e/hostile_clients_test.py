@@ -1,4 +1,5 @@
 """Clients that mean no good, or do not know better: each is refused with a documented error, and the server goes on."""
+import base64
 import json
 import pathlib
 import shutil
@@ -104,6 +105,19 @@ class HostileClients(unittest.TestCase):
             self.refused(self.post(self.photo, text))
         # Numbers that are some, of a lens that nothing can be seen through.
         self.refused(self.post(self.photo, '{"model":"OPENCV_FISHEYE","params":[315,315,240,180,1e300,1e300,1e300,1e300]}'), 409)
+
+    def test_priors_that_make_no_sense(self):
+        seen = {'model': 'MODEL_PINHOLE', 'width_px': 480, 'height_px': 360, 'fx_px': 315, 'fy_px': 315, 'cx_px': 239.5, 'cy_px': 179.5}
+        pose = {'translation': {'x': 0, 'y': 0, 'z': 0}, 'rotation': {'x': 0, 'y': 0, 'z': 0, 'w': 1}}
+        good = {'map_from_camera': pose, 'position_sigma': 'Infinity', 'rotation_sigma_rad': 'Infinity'}
+
+        def ask(prior):
+            request = {'image': {'encoded': base64.b64encode(self.photo).decode()}, 'camera': seen, 'prior': prior}
+            return self.server.get('/v1/maps/office:localize', json.dumps(request).encode(), 'application/json')
+        self.assertEqual(ask(good)[0], 200)
+        for change in ({'position_sigma': 'NaN'}, {'position_sigma': -1}, {'rotation_sigma_rad': 'NaN'}, {'component': 77}, {'map_from_camera': {}},
+                       {'map_from_camera': {**pose, 'translation': {'x': 'NaN'}}}, {'map_from_camera': {**pose, 'rotation': {'w': 2}}}):
+            self.refused(ask({**good, **change}))
 
     def test_requests_that_are_none(self):
         def ask(body, kind='application/json', path='/v1/maps/office:localize'):
