@@ -17,6 +17,7 @@ namespace cairn::direct {
 struct RetainedFrame {
   Frame frame;
   std::size_t position = 0;  // in the PoseTable
+  cv::Mat thumbnail = {};    // of the start's row: CV_32FC1 without its mean; empty without an image
 };
 
 class RetainedFrames {
@@ -26,11 +27,12 @@ class RetainedFrames {
       : max_before_reference_(static_cast<std::size_t>(max_before_reference)) {}
 
   // The start's row.
-  void Add(const Frame& frame, std::size_t position) { start_.push_back({frame, position}); }
+  void Add(const Frame& frame, std::size_t position);
   // The newest becomes the start's reference.
   void MarkReference() { reference_ = start_.size() - 1; }
-  // Drops frames before the reference until no more than the bound are left: each time the one whose neighbours are
-  // closest in time, so that the oldest stays and evenly spread others.
+  // Drops frames before the reference until no more than the bound are left: each time the one whose neighbours look
+  // most alike, and are closest in time where several do. The oldest stays, and of the others those by which a motion
+  // can be followed: a camera that stood for long before it moved has not lost the moment when it did.
   void Thin();
   void ClearStart();
   const std::deque<RetainedFrame>& start() const { return start_; }

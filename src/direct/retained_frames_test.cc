@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <vector>
 
 namespace cairn::direct {
@@ -49,6 +51,30 @@ TEST(RetainedFrames, AreAllKeptSinceTheReferenceAndUpToTheBoundBefore) {
   frames.ClearStart();
   EXPECT_TRUE(frames.start().empty());
   EXPECT_EQ(frames.reference(), 0u);
+}
+
+// A camera that stands for long and then moves, waiting all the time: what the motion looked like is kept.
+TEST(RetainedFrames, TheFramesOfAMotionStayThoseOfAStandGo) {
+  constexpr int kBound = 30, kIdle = 200, kMoving = 20;
+  RetainedFrames frames(kBound);
+  for (int i = 0; i < kIdle + kMoving; ++i) {
+    Frame frame = FrameAt(i, i * 33);
+    frame.image = cv::Mat(60, 80, CV_8UC1);
+    const int shift = std::max(0, i - kIdle + 1);
+    for (int y = 0; y < 60; ++y) {
+      for (int x = 0; x < 80; ++x) {
+        const double noise = (x * 7 + y * 13 + i * 5) % 3;
+        frame.image.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(120 + 80 * std::sin(0.2 * (x + shift)) + noise);
+      }
+    }
+    frames.Add(frame, static_cast<std::size_t>(i));
+    frames.MarkReference();
+    frames.Thin();
+    ASSERT_LE(frames.start().size(), kBound + 1u);
+  }
+  const std::vector<std::int64_t> kept = Indices(frames.start());
+  EXPECT_EQ(kept.front(), 0);
+  for (int i = kIdle - 1; i < kIdle + kMoving; ++i) EXPECT_TRUE(std::ranges::count(kept, i) == 1) << i;
 }
 
 // A wait of any length: never more than the bound, from the whole time.
