@@ -1,0 +1,119 @@
+#include "optimization/focal_estimate.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+
+#include "base/random.h"
+
+namespace cairn::optimization {
+namespace {
+
+const Pinhole kTrue{640, 480, 525.0, 520.0, 318.0, 242.0};
+
+Pinhole Wrong(double factor) {
+  Pinhole pinhole = kTrue;
+  pinhole.fx_px *= factor;
+  pinhole.fy_px *= factor;
+  return pinhole;
+}
+
+// What a camera of the true focal length sees of a room; `wrong_share` of the matches are wrong.
+struct Photo {
+  SE3 camera_from_map;
+  std::vector<PoseObservation> observations;
+};
+
+Photo Take(std::uint64_t seed, double wrong_share = 0.1, double nearest = 1.0, double farthest = 6.0) {
+  Random random(seed);
+  Vector6d tangent;
+  for (int i = 0; i < 6; ++i) tangent[i] = random.Normal();
+  Photo photo;
+  photo.camera_from_map = SE3::Exp(tangent);
+  for (int i = 0; i < 200; ++i) {
+    const Vector2d pixel(random.Uniform(0, 639), random.Uniform(0, 479));
+    PoseObservation o;
+    o.sigma_px = std::pow(1.2, static_cast<double>(random.Below(6)));
+    o.point = photo.camera_from_map.Inverse() * (random.Uniform(nearest, farthest) * kTrue.Unproject(pixel));
+    o.pixel = pixel + 0.8 * o.sigma_px * Vector2d(random.Normal(), random.Normal());
+    if (random.Uniform() < wrong_share) o.pixel = {random.Uniform(0, 639), random.Uniform(0, 479)};
+    photo.observations.push_back(o);
+  }
+  return photo;
+}
+
+// Where relocalization ends with a calibration that is wrong by a factor.
+PoseRefinement Located(const Photo& photo, double factor) {
+  auto pose = RefinePose(Wrong(factor), photo.camera_from_map, photo.observations);
+  EXPECT_TRUE(pose.ok()) << pose.status();
+  return *pose;
+}
+
+double CenterError(const SE3& a, const SE3& b) {
+  return (a.Inverse().translation() - b.Inverse().translation()).norm();
+}
+
+TEST(EstimateFocal, FindsAWrongOneAndThePoseWithTheRightOne) {
+  for (const double factor : {0.8, 0.9, 1.1, 1.25}) {
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      const Photo photo = Take(seed);
+      const PoseRefinement located = Located(photo, factor);
+      const auto estimate = EstimateFocal(Wrong(factor), located.camera_from_map, photo.observations);
+      ASSERT_TRUE(estimate.ok()) << estimate.status();
+      EXPECT_TRUE(estimate->Contradicts());
+      EXPECT_NEAR(std::log(estimate->scale * factor), 0.0, 5.0 * estimate->log_sigma) << factor;
+      EXPECT_LT(CenterError(estimate->camera_from_map, photo.camera_from_map), 0.05);
+      EXPECT_GT(CenterError(located.camera_from_map, photo.camera_from_map), 0.1) << "or there was nothing to find";
+    }
+  }
+}
+
+TEST(EstimateFocal, ARightOneIsNotContradicted) {
+  int contradicted = 0;
+  double sum = 0.0;
+  for (std::uint64_t seed = 1; seed <= 100; ++seed) {
+    const Photo photo = Take(seed);
+    const auto estimate = EstimateFocal(kTrue, Located(photo, 1.0).camera_from_map, photo.observations);
+    ASSERT_TRUE(estimate.ok()) << estimate.status();
+    contradicted += estimate->Contradicts() ? 1 : 0;
+    sum += std::pow(std::log(estimate->scale) / estimate->log_sigma, 2) / 100.0;
+  }
+  EXPECT_EQ(contradicted, 0);
+  EXPECT_LT(sum, 1.5);  // the sigma is honest
+  EXPECT_GT(sum, 0.4);
+}
+
+TEST(EstimateFocal, CoversWhatTheCalibrationLeavesOpen) {
+  for (const double factor : {0.8, 1.25}) {
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      const Photo photo = Take(seed);
+      const PoseRefinement located = Located(photo, factor);
+      const auto estimate = EstimateFocal(Wrong(factor), located.camera_from_map, photo.observations);
+      ASSERT_TRUE(estimate.ok()) << estimate.status();
+      const Vector6d error = (photo.camera_from_map * located.camera_from_map.Inverse()).Log();
+      const Matrix6d covered = CoverFocal(located.camera_from_map, located.covariance, *estimate);
+      EXPECT_GT(error.dot(located.covariance.ldlt().solve(error)), 25.0 * 6.0);
+      EXPECT_LT(error.dot(covered.ldlt().solve(error)), 25.0);
+    }
+  }
+}
+
+TEST(EstimateFocal, AFlatSceneSeenStraightLeavesItOpen) {
+  const Photo photo = Take(3, 0.0, 3.0, 3.0);
+  const auto estimate = EstimateFocal(Wrong(1.2), Located(photo, 1.2).camera_from_map, photo.observations);
+  const bool contradicted = estimate.ok() && estimate->Contradicts();
+  EXPECT_FALSE(contradicted);
+}
+
+TEST(EstimateFocal, NeedsMatches) {
+  Photo photo = Take(4, 0.0);
+  photo.observations.resize(20);
+  EXPECT_EQ(EstimateFocal(kTrue, photo.camera_from_map, photo.observations).status().code(),
+            absl::StatusCode::kFailedPrecondition);
+  photo.observations[3].sigma_px = 0.0;
+  EXPECT_EQ(EstimateFocal(kTrue, photo.camera_from_map, photo.observations).status().code(),
+            absl::StatusCode::kInvalidArgument);
+}
+
+}  // namespace
+}  // namespace cairn::optimization
