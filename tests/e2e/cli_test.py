@@ -278,6 +278,51 @@ class CommandLine(unittest.TestCase):
             answer = cairn(*arguments)
             self.assertEqual((answer.code, answer.json['exit_code'], answer.json['fault']), (2, 2, 'usage'), arguments)
 
+    def test_an_empty_value_takes_nothing_that_follows(self):
+        answer = cairn('run', self.office, '--map=', '--extend')
+        self.assertEqual(answer.code, 2)
+        self.assertIn('--map has no value', answer.json['error'])
+        self.assertFalse(pathlib.Path('--extend').exists())
+
+    def test_errors_name_the_verb_and_their_kind(self):
+        for arguments, verb in ((['run'], 'cairn run: '), (['eval', 'ate'], 'cairn eval ate: '), ([], 'cairn: ')):
+            answer = cairn(*arguments, json_output=False)
+            self.assertEqual(answer.code, 2)
+            self.assertTrue(answer.err.startswith(verb), answer.err)
+            self.assertIn('--help', answer.err)
+        for arguments, fault in ((['run', self.path('none'), '--map', self.path('x.cairn')], 'not_found'),
+                                 (['run', self.office, '--map', self.map], 'already_exists'),
+                                 (['localize', self.office, '--independent', '--map', self.office / 'groundtruth_cam0.txt'],
+                                  'not_a_map')):
+            answer = cairn(*arguments)
+            self.assertEqual((answer.code, answer.json['fault']), (1, fault), answer.out)
+
+    def test_a_killed_session_is_cut_off_and_lasted_as_long_as_its_keyframes_say(self):
+        map = self.path('killed.cairn')
+        process = self.start('run', self.office, '--map', map, '--realtime', 0.5)
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            time.sleep(0.2)
+            info = cairn('info', map) if map.exists() else None
+            if info and info.code == 0 and info.json['keyframes'] >= 4:
+                break
+        self.assertFalse(info.json['sessions'][0]['cut_off'], info.out)
+        process.kill()
+        process.communicate()
+        session = must('info', map)['sessions'][0]
+        self.assertTrue(session['cut_off'])
+        self.assertFalse(session['complete'])
+        self.assertGreater(session['duration_s'], 0.2)
+        self.assertIn('cut off: its process has ended', cairn('info', map, json_output=False).out)
+
+    def test_a_refused_alignment_ends_its_sentences_once(self):
+        wrong = self.path('wrong.txt')
+        rows = [line.split() for line in self.truth.read_text().splitlines() if not line.startswith('#')]
+        wrong.write_text(''.join(' '.join([row[0]] + rows[i * 37 % len(rows)][1:]) + '\n' for i, row in enumerate(rows)))
+        answer = cairn('align', self.map, '--groundtruth', wrong)
+        self.assertEqual(answer.code, 1, answer.out)
+        self.assertNotRegex(answer.json['error'], r'\.\.|\?\.')
+
     def test_the_progress_never_wraps(self):
         for columns in (20, 30, 80, 100, 160):
             leader, follower = pty.openpty()

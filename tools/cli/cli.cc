@@ -2,6 +2,7 @@
 
 #include <iostream>
 
+#include "absl/strings/ascii.h"
 #include "store/fault.h"
 
 namespace cairn::cli {
@@ -14,13 +15,19 @@ int ExitCodeOf(const absl::Status& status) {
   return kFailure;
 }
 
+// What the store says is wrong with a map; of other errors their kind: "not_found", "invalid_argument".
+std::string FaultOf(const absl::Status& status) {
+  const store::Fault fault = store::FaultOf(status);
+  if (fault != store::Fault::kNone) return std::string(store::FaultName(fault));
+  return absl::AsciiStrToLower(absl::StatusCodeToString(status.code()));
+}
+
 }  // namespace
 
 int Fail(const std::string& verb, const absl::Status& status, bool json) {
   const int code = ExitCodeOf(status);
   if (json) {
-    const absl::string_view fault = store::FaultName(store::FaultOf(status));
-    PrintJson({{"error", std::string(status.message())}, {"fault", std::string(fault)}, {"exit_code", code}});
+    PrintJson({{"error", std::string(status.message())}, {"fault", FaultOf(status)}, {"exit_code", code}});
   } else {
     std::cerr << "cairn " << verb << ": " << status.message() << "\n";
   }

@@ -130,9 +130,10 @@ absl::Status Judge(const PoseAlignment& found, const Target& target, const std::
     absl::StrAppend(&help, " Of component ", other.component.value(), " ", other.pairs.size(),
                     " keyframes have a reference pose, too: --component ", other.component.value(), ".");
   }
-  return absl::FailedPreconditionError(absl::StrFormat("%s does not align component %u; the map is as it was: %s.%s",
-                                                       options.groundtruth, target.component.value(),
-                                                       absl::StrJoin(reasons, "; "), help));
+  std::string why = absl::StrJoin(reasons, "; ");
+  if (why.back() != '.' && why.back() != '?') why.push_back('.');
+  return absl::FailedPreconditionError(absl::StrFormat("%s does not align component %u; the map is as it was: %s%s",
+                                                       options.groundtruth, target.component.value(), why, help));
 }
 
 // Times of the keyframes whose reference does not fit.

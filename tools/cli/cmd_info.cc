@@ -1,4 +1,5 @@
 // cairn info: what is in a map.
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -11,6 +12,7 @@
 #include "cli/session_report.h"
 #include "cli/unix_time.h"
 #include "store/map_store.h"
+#include "store/writer_lock.h"
 
 namespace cairn::cli {
 namespace {
@@ -56,7 +58,7 @@ nlohmann::ordered_json IdsAsJson(const std::vector<ComponentId>& ids) {
   return json;
 }
 
-nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) {
+nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes, bool being_written) {
   const Means means = ComputeMeans(map);
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array(), sessions = nlohmann::ordered_json::array();
   for (const auto& [id, camera] : map.cameras()) {
@@ -66,13 +68,19 @@ nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes) 
   for (const auto& [id, session] : map.sessions()) {
     std::int64_t keyframes = 0;
     const SessionId session_id = id;
-    map.keyframes().ForEach([&](const auto& keyframe) { keyframes += keyframe->session == session_id ? 1 : 0; });
+    TimeNs last_ns = session.last_ns;  // of one that is not complete: as far as the map goes
+    map.keyframes().ForEach([&](const auto& keyframe) {
+      if (keyframe->session != session_id) return;
+      ++keyframes;
+      last_ns = std::max(last_ns, keyframe->time_ns);
+    });
     sessions.push_back({{"id", id.value()},
                         {"source", session.source},
                         {"camera", session.camera.value()},
                         {"keyframes", keyframes},
-                        {"duration_s", ToSeconds(session.last_ns - session.first_ns)},
+                        {"duration_s", ToSeconds(last_ns - session.first_ns)},
                         {"complete", session.complete},
+                        {"cut_off", !session.complete && !being_written},
                         {"removed", session.removed},
                         {"policy", map::SessionPolicyName(session.policy)},
                         {"result", map::SessionResultName(session.result)},
@@ -133,7 +141,9 @@ void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const s
                                          : "",
         session["software_version"].get<std::string>().c_str(),
         session["started"].get<std::string>().empty() ? "" : (" on " + session["started"].get<std::string>()).c_str(),
-        session["complete"].get<bool>() ? "" : " (running, or cut off)");
+        session["complete"].get<bool>()  ? ""
+        : session["cut_off"].get<bool>() ? " (cut off: its process has ended)"
+                                         : " (running, or cut off)");
     PrintLoopsAndTrajectory(map.sessions().at(SessionId(session["id"].get<SessionId::Value>())), "    ");
   }
 }
@@ -154,7 +164,8 @@ absl::Status Info(const InfoOptions& options) {
     CAIRN_RETURN_IF_ERROR(vocabulary);
   }
   std::error_code error;
-  nlohmann::ordered_json info = Describe(*map, std::filesystem::file_size(options.map, error));
+  const bool being_written = store::WriterLock::IsHeld(std::filesystem::weakly_canonical(options.map, error).string());
+  nlohmann::ordered_json info = Describe(*map, std::filesystem::file_size(options.map, error), being_written);
   if (options.digest) {
     CAIRN_ASSIGN_OR_RETURN(info["digest"], file->ContentDigest());
   }

@@ -85,6 +85,32 @@ std::string UnknownVerb(const CLI::App& app, const std::vector<std::string>& arg
   return "";
 }
 
+// The verb that was called, as far as its arguments name it: "eval ate".
+std::string VerbOf(const CLI::App& app, const std::vector<std::string>& arguments) {
+  const CLI::App* at = &app;
+  std::string verb;
+  for (const std::string& argument : arguments) {
+    const std::vector<const CLI::App*> verbs = at->get_subcommands({});
+    const auto named =
+        std::find_if(verbs.begin(), verbs.end(), [&](const CLI::App* known) { return known->get_name() == argument; });
+    if (named == verbs.end()) break;
+    at = *named;
+    absl::StrAppend(&verb, verb.empty() ? "" : " ", argument);
+  }
+  return verb;
+}
+
+// An option with nothing behind its `=`: CLI11 would take what follows for its value, another option even. Shells leave
+// that of a variable that is not set.
+std::string EmptyValue(const std::vector<std::string>& arguments) {
+  for (const std::string& argument : arguments) {
+    if (argument == "--") break;
+    if (!absl::StartsWith(argument, "--") || argument.find('=') + 1 != argument.size()) continue;
+    return absl::StrCat(argument.substr(0, argument.size() - 1), " has no value behind its =");
+  }
+  return "";
+}
+
 int ParseAndRun(Call* call) {
   using namespace cairn::cli;
   if (const auto level = cairn::RequestedSimdLevel(); !level.ok()) {
@@ -116,19 +142,18 @@ int ParseAndRun(Call* call) {
   if (const std::string unknown = UnknownVerb(app, call->arguments); !unknown.empty()) {
     return FailUsage("", unknown, call->json);
   }
+  call->verb = VerbOf(app, call->arguments);
+  if (const std::string empty = EmptyValue(call->arguments); !empty.empty()) {
+    return FailUsage(call->verb, empty, call->json);
+  }
   try {
     std::vector<std::string> arguments = call->arguments;
     std::reverse(arguments.begin(), arguments.end());  // as CLI11 wants them
     app.parse(std::move(arguments));
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    if (call->json) return FailUsage("", error.what(), true);
-    app.exit(error);
-    return kUsage;
-  }
-  for (const CLI::App* verb = &app; !verb->get_subcommands().empty();) {
-    verb = verb->get_subcommands().front();
-    absl::StrAppend(&call->verb, call->verb.empty() ? "" : " ", verb->get_name());
+    const std::string help = absl::StrCat("; see cairn ", call->verb, call->verb.empty() ? "" : " ", "--help");
+    return FailUsage(call->verb, absl::StrCat(error.what(), call->json ? "" : help), call->json);
   }
   return action();
 }
