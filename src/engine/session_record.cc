@@ -36,7 +36,8 @@ absl::StatusOr<CameraId> FindOrAddCamera(const std::string& name, const Camera& 
                                          map::Edit* edit) {
   const auto& cameras = edit->base().cameras();
   for (const auto& [id, known] : cameras) {
-    if (!map::SameCalibration(known.model, camera)) continue;
+    // One whose images were made otherwise, by an earlier version, is another camera to what is in the map.
+    if (!map::SameCalibration(known.model, camera) || !map::SamePinhole(known.pinhole, pinhole)) continue;
     if (name.empty() || name == known.name) return id;
     return absl::InvalidArgumentError(absl::StrCat("the map knows a camera of this calibration as \"", known.name,
                                                    "\", and not as \"", name,

@@ -90,6 +90,26 @@ absl::StatusOr<Pinhole> ChooseView(const Camera& camera, double max_half_angle_d
                                                     camera.Describe(), "); check its calibration"));
 }
 
+// The same camera with its image brought to a size to work at. Centres of pixels are at integers.
+Camera AtWorkingSize(const Camera& camera) {
+  constexpr double kMaxEnlargement = 4.0;
+  const double pixels = static_cast<double>(camera.width_px) * camera.height_px;
+  double scale = 1.0;
+  if (pixels > kMaxWorkingPixels) scale = std::sqrt(kMaxWorkingPixels / pixels);
+  if (pixels < kMinWorkingPixels) scale = std::min(std::sqrt(kWorkingPixels / pixels), kMaxEnlargement);
+  if (scale == 1.0) return camera;
+  Camera working = camera;
+  working.width_px = std::max(1, static_cast<int>(camera.width_px * scale));
+  working.height_px = std::max(1, static_cast<int>(camera.height_px * scale));
+  const double x = static_cast<double>(working.width_px) / camera.width_px;
+  const double y = static_cast<double>(working.height_px) / camera.height_px;
+  working.fx_px *= x;
+  working.fy_px *= y;
+  working.cx_px = (camera.cx_px + 0.5) * x - 0.5;
+  working.cy_px = (camera.cy_px + 0.5) * y - 0.5;
+  return working;
+}
+
 template <class T, class Kernel>
 void Resample(const cv::Mat& raw, const cv::Mat& map_xy, const cv::Mat& map_fraction, Kernel kernel, cv::Mat* out) {
   out->create(map_xy.size(), raw.type());
@@ -115,14 +135,15 @@ absl::StatusOr<Undistorter> Undistorter::Create(const Camera& camera, const Undi
   CAIRN_RETURN_IF_ERROR(options.Validate());
   Undistorter out;
   out.camera_ = camera;
+  out.working_ = options.target ? camera : AtWorkingSize(camera);
   if (camera.IsUndistorted() && (!options.target || *options.target == camera.Intrinsics())) {
-    out.pinhole_ = camera.Intrinsics();
+    out.pinhole_ = out.working_.Intrinsics();
     return out;
   }
   if (options.target) {
     out.pinhole_ = *options.target;
   } else {
-    CAIRN_ASSIGN_OR_RETURN(out.pinhole_, ChooseView(camera, options.max_half_angle_deg));
+    CAIRN_ASSIGN_OR_RETURN(out.pinhole_, ChooseView(out.working_, options.max_half_angle_deg));
   }
   return Guarded([&]() -> absl::StatusOr<Undistorter> {
     out.MakeMaps();
@@ -138,8 +159,8 @@ void Undistorter::MakeMaps() {
   cv::Mat map_x(1, width, CV_32FC1), map_y(1, width, CV_32FC1);
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
-      const std::optional<Vector2d> raw = RawFromPinhole(Vector2d(x, y));
-      const bool inside = raw && camera_.Contains(*raw, -1.0);
+      const std::optional<Vector2d> raw = working_.Project(pinhole_.Unproject(Vector2d(x, y)));
+      const bool inside = raw && working_.Contains(*raw, -1.0);
       map_x.at<float>(0, x) = inside ? static_cast<float>(raw->x()) : -2.0f;  // outside: black
       map_y.at<float>(0, x) = inside ? static_cast<float>(raw->y()) : -2.0f;
     }
@@ -154,7 +175,19 @@ absl::StatusOr<cv::Mat> Undistorter::Undistort(const cv::Mat& raw) const {
                                                    camera_.width_px, "x", camera_.height_px,
                                                    " px; use the calibration of this image size"));
   }
-  if (identity()) return raw;
+  if (!resizes()) return Resampled(raw);
+  cv::Mat resized;
+  try {
+    const bool larger = working_.width_px > camera_.width_px;
+    cv::resize(raw, resized, {working_.width_px, working_.height_px}, 0, 0, larger ? cv::INTER_CUBIC : cv::INTER_AREA);
+  } catch (const cv::Exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat("resizing an image: ", error.what()));
+  }
+  return Resampled(resized);
+}
+
+absl::StatusOr<cv::Mat> Undistorter::Resampled(const cv::Mat& raw) const {
+  if (map_xy_.empty()) return raw;
   cv::Mat out;
   const UndistortKernels& kernels = UndistortKernelsFor(ActiveSimdLevel());
   if (raw.type() == CV_8UC1) {

@@ -34,12 +34,12 @@ Camera Fov() { return {CameraModel::kFov, 640, 512, 344, 344.2, 321.9, 257.7, {0
 Camera Pincushion() { return {CameraModel::kRadialTangential, 640, 480, 400, 400, 330, 236, {0.2, 0.05, 1e-3, -2e-3}}; }
 
 TEST(Undistorter, APinholePassesThroughUncopied) {
-  const Pinhole pinhole = {64, 48, 50, 51, 32, 24};
+  const Pinhole pinhole = {640, 480, 500, 510, 320, 240};
   const auto undistorter = Undistorter::Create(Camera::FromPinhole(pinhole));
   ASSERT_TRUE(undistorter.ok());
   EXPECT_TRUE(undistorter->identity());
   EXPECT_EQ(undistorter->pinhole(), pinhole);
-  const cv::Mat image(48, 64, CV_8UC1, cv::Scalar(7));
+  const cv::Mat image(480, 640, CV_8UC1, cv::Scalar(7));
   EXPECT_EQ(undistorter->Undistort(image)->data, image.data);
   Camera zeros = Camera::FromPinhole(pinhole);
   zeros.model = CameraModel::kRadialTangential;
@@ -123,6 +123,60 @@ TEST(Undistorter, AGivenTargetIsUsedAndItsOutsideIsBlack) {
   EXPECT_EQ(image->size(), cv::Size(800, 600));
   EXPECT_EQ(image->at<std::uint8_t>(0, 0), 0);
   EXPECT_EQ(image->at<std::uint8_t>(300, 400), 255);
+}
+
+// The same scene through a camera of many pixels and of few: what comes out is of one size and shows the same.
+TEST(Undistorter, LargeImagesAreBroughtToTheWorkingSize) {
+  for (const double k1 : {0.0, -0.2}) {
+    const auto camera_of = [&](int scale) {
+      Camera camera = Camera::FromPinhole(
+          {800 * scale, 600 * scale, 500.0 * scale, 500.0 * scale, 400.0 * scale - 0.5, 300.0 * scale - 0.5});
+      if (k1 != 0.0) camera.model = CameraModel::kRadialTangential, camera.distortion = {k1, 0.0, 0.0, 0.0};
+      return camera;
+    };
+    // Gray values by direction: smooth, so that sampling costs nothing.
+    const auto image_of = [](const Camera& camera) {
+      cv::Mat image(camera.height_px, camera.width_px, CV_8UC1);
+      for (int y = 0; y < image.rows; ++y) {
+        for (int x = 0; x < image.cols; ++x) {
+          const auto ray = camera.Unproject(Vector2d(x, y));
+          const double value =
+              128.0 + 100.0 * std::sin(9.0 * ray->x() / ray->z()) * std::cos(7.0 * ray->y() / ray->z());
+          image.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>(value);
+        }
+      }
+      return image;
+    };
+    const Camera small = camera_of(1), large = camera_of(3);
+    const auto one = Undistorter::Create(small), other = Undistorter::Create(large);
+    ASSERT_TRUE(one.ok() && other.ok()) << other.status();
+    EXPECT_EQ(one->identity(), k1 == 0.0);
+    EXPECT_FALSE(other->identity());
+    EXPECT_EQ(other->camera(), large);
+    EXPECT_EQ(other->pinhole().width_px, 800);
+    EXPECT_NEAR(other->pinhole().fx_px, one->pinhole().fx_px, 1e-6);
+    EXPECT_NEAR(other->pinhole().cx_px, one->pinhole().cx_px, 1e-6);
+    const auto of_small = one->Undistort(image_of(small)), of_large = other->Undistort(image_of(large));
+    ASSERT_TRUE(of_small.ok() && of_large.ok()) << of_large.status();
+    EXPECT_LE(cv::norm(*of_small, *of_large, cv::NORM_INF), 3.0);
+    const auto there = other->PinholeFromRaw({300.0, 1000.0});
+    ASSERT_TRUE(there.has_value());
+    EXPECT_LT((*other->RawFromPinhole(*there) - Vector2d(300.0, 1000.0)).norm(), 1e-6);
+    EXPECT_FALSE(other->Undistort(image_of(small)).ok());
+  }
+}
+
+TEST(Undistorter, SmallImagesAreEnlarged) {
+  const Camera camera = Camera::FromPinhole({160, 120, 105.0, 105.0, 79.5, 59.5});
+  const auto undistorter = Undistorter::Create(camera);
+  ASSERT_TRUE(undistorter.ok());
+  EXPECT_EQ(undistorter->pinhole(), (Pinhole{640, 480, 420.0, 420.0, 319.5, 239.5}));
+  EXPECT_FALSE(undistorter->identity());
+  const auto image = undistorter->Undistort(cv::Mat(120, 160, CV_8UC1, cv::Scalar(77)));
+  ASSERT_TRUE(image.ok());
+  EXPECT_EQ(image->size(), cv::Size(640, 480));
+  EXPECT_EQ(cv::norm(*image, cv::NORM_INF), 77.0);
+  EXPECT_EQ(Undistorter::Create(Camera::FromPinhole({64, 48, 50, 51, 32, 24}))->pinhole().width_px, 256);
 }
 
 TEST(Undistorter, WrongInputsAreNamed) {

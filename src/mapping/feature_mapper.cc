@@ -42,10 +42,15 @@ absl::Status FeatureMapper::Impl::Extract(Current* current) {
   CAIRN_ASSIGN_OR_RETURN(current->features->features,
                          extractor_.Extract(packet.frame.image, NumFeatures(packet.keyframe_rate_hz)));
   auto& keypoints = current->features->features.keypoints;
+  const auto count = [](const KeypointDepth& depth) { return depth.known(); };
   current->depths = KeypointDepths(keypoints, packet.points);
+  current->num_depths = static_cast<int>(std::ranges::count_if(current->depths, count));
+  if (!component_ && current->num_depths < options_.min_start_points) {
+    current->depths = KeypointDepths(keypoints, packet.points, WideKeypointDepths(map_->info().orb.scale_factor));
+    current->num_depths = static_cast<int>(std::ranges::count_if(current->depths, count));
+  }
   map::CorrectKeypoints(map_->cameras().at(camera_), keypoints);
   current->grid = image::FeatureGrid(keypoints, pinhole_.width_px, pinhole_.height_px);
-  for (const KeypointDepth& depth : current->depths) current->num_depths += depth.known() ? 1 : 0;
   return absl::OkStatus();
 }
 

@@ -37,6 +37,7 @@ KeypointDepth Mean(std::span<const direct::PacketPoint> points, std::span<const 
 
 absl::Status KeypointDepthOptions::Validate() const {
   if (!(radius_px > 0.0)) return absl::InvalidArgumentError("keypoint depth: radius_px must be positive");
+  if (!(radius_growth >= 1.0)) return absl::InvalidArgumentError("keypoint depth: radius_growth must be at least 1");
   if (!(max_relative_sigma > 0.0)) {
     return absl::InvalidArgumentError("keypoint depth: max_relative_sigma must be positive");
   }
@@ -65,7 +66,8 @@ std::vector<KeypointDepth> KeypointDepths(std::span<const image::Keypoint> keypo
   const image::FeatureGrid grid(places, static_cast<int>(std::ceil(width)), static_cast<int>(std::ceil(height)), 8);
   std::vector<std::uint32_t> near;
   for (std::size_t i = 0; i < keypoints.size(); ++i) {
-    grid.Query(keypoints[i].x_px, keypoints[i].y_px, options.radius_px, 0, 255, &near);
+    const double radius_px = options.radius_px * std::pow(options.radius_growth, keypoints[i].octave);
+    grid.Query(keypoints[i].x_px, keypoints[i].y_px, static_cast<float>(radius_px), 0, 255, &near);
     if (!near.empty()) depths[i] = Mean(usable, near, options);
   }
   return depths;

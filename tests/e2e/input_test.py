@@ -260,13 +260,51 @@ class Images(Recordings):
         Image.fromarray(np.zeros((480, 640), np.uint8)).save(mask)
         self.assertIn('shows 0.0 % of the view', cairn('run', folder, '--mask', mask, '--odometry-only').json['error'])
 
+    def test_frames_before_the_first_motion_have_poses(self):
+        crop = lambda path: Image.open(path).crop((128, 96, 512, 384))
+        for idle in (40, 100):
+            folder = self.recording(f'idle{idle}', CAMERA.replace('[640, 480]', '[384, 288]').replace('319.5, 239.5', '191.5, 143.5'))
+            for i, image in enumerate([self.images[0]] * idle + self.images):
+                crop(image).save(folder / f'{i:04d}.png', compress_level=1)
+            answer = self.run_map(folder)
+            self.assertEqual(answer.code, 0, answer.out + answer.err)
+            self.assertEqual(answer.json['frames_tracked'], idle + 100)
+
     def test_without_a_map_the_stage_is_named_and_the_poses_are_written(self):
-        folder = self.spoiled('out', lambda i, gray: np.asarray(Image.fromarray(gray).filter(ImageFilter.GaussianBlur(8))))
+        folder = self.spoiled('out', lambda i, gray: np.asarray(Image.fromarray(gray).filter(ImageFilter.GaussianBlur(12))))
         answer = self.run_map(folder)
         self.assertEqual(answer.code, 1, answer.out)
         self.assertRegex(answer.json['error'], 'the odometry tracked .* but the feature module could not start')
         self.assertIn(str(self.frames), answer.json['error'])
         self.assertGreater(len(self.frames.read_text().splitlines()), 20)
+
+
+class Sizes(unittest.TestCase):
+    """The same scene in few pixels or many, sharp or soft, gives a map."""
+
+    def test_a_scene_gives_a_map_at_every_size(self):
+        with tempfile.TemporaryDirectory(prefix='cairn-e2e-') as name:
+            folder, errors, maps = pathlib.Path(name), {}, {}
+            for width, height, focal in ((160, 120, 105), (320, 240, 210), (640, 480, 420), (1920, 1080, 1260)):
+                sharp = folder / f'{width}'
+                must('synth', 'office', '--seed', 1, '--duration', 4, '--rate', 15, '--image-size', width, height, '--focal', focal,
+                     '--out', sharp)
+                soft = folder / f'{width}_soft'
+                shutil.copytree(sharp, soft)
+                for image in (soft / 'mav0' / 'cam0' / 'data').glob('*.png'):
+                    blurred = Image.open(image).filter(ImageFilter.GaussianBlur(2 * width / 1920))
+                    blurred.save(image, compress_level=1)
+                for recording in (sharp, soft):
+                    maps[recording.name], frames = folder / f'{recording.name}.cairn', folder / f'{recording.name}.txt'
+                    report = must('run', recording, '--map', maps[recording.name], '--trajectory', frames, '--deterministic')
+                    self.assertEqual(report['tracked_share'], 1.0, recording.name)
+                    errors[recording.name] = must('eval', 'ate', frames, recording / 'groundtruth_cam0.txt')['ate_m']
+            for recording, error in errors.items():
+                self.assertLess(error, max(2 * errors['640'], 0.01), f'{recording}: {errors}')
+            # Photos of many times the map's pixels, and of few.
+            for photos, of in (('1920', '320'), ('1920_soft', '640'), ('320', '1920'), ('640', '1920_soft')):
+                answer = must('localize', folder / photos, '--independent', '--stride', 6, '--map', maps[of])
+                self.assertGreaterEqual(answer['localized_share'], 0.9, f'{photos} in {of}')
 
 
 class Calibrations(Recordings):
