@@ -71,6 +71,9 @@ struct LocatedPose {
   Matrix6d covariance = Matrix6d::Zero();
   KeyframeId reference_keyframe;  // the one that shares most points
   int inliers = 0;                // points of the map that are seen where the pose puts them
+  // Where these contradict the calibration: the factor by which its focal length should be longer. The covariance then
+  // has in it by how much the pose would move. 1: they do not.
+  double focal_factor = 1.0;
 };
 
 // With the pose, if localized.

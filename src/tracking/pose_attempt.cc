@@ -7,10 +7,17 @@
 #include <utility>
 #include <vector>
 
+#include "optimization/focal_refinement.h"
+
 namespace cairn::tracking {
 namespace {
 
 using optimization::PoseObservation;
+
+// A map that is bent, or a lens that is not quite what the model says, moves the focal length of single images by so
+// much, without the calibration being wrong.
+constexpr double kUsualFocalError = 0.015;
+constexpr double kContradictingSigmas = 5.0, kDoubtSigmas = 3.0;
 
 constexpr double kViewMargin = 0.15;  // around the image, share of its width
 constexpr int kExpectedPoints = 3;    // in view, from which a cell should show one: a single one may be hidden
@@ -171,10 +178,22 @@ bool Guide(const ImageQuery& query, const RelocalizerOptions& options, Estimate*
   return true;
 }
 
+FocalFit FitFocal(const ImageQuery& query, const Estimate& estimate) {
+  std::vector<PoseObservation> observations;
+  for (const PointObservation& inlier : estimate.inliers) {
+    observations.push_back(query.Observation(query.map.point(inlier.point).position, inlier.feature));
+  }
+  const auto refined = optimization::RefineFocal(query.pinhole, estimate.camera_from_map, observations);
+  if (!refined.ok()) return {};
+  const SE3 moved = refined->camera_from_map * estimate.camera_from_map.Inverse();
+  return {refined->factor, refined->factor_sigma, moved.Inverse().translation().norm()};
+}
+
 FoundPlace ToPlace(const ImageQuery& query, Estimate estimate) {
   FoundPlace place;
   place.camera_from_map = estimate.camera_from_map;
   place.covariance = optimization::CovarianceOfInverse(estimate.camera_from_map, estimate.covariance);
+  place.focal = FitFocal(query, estimate);
   place.fit = estimate.fit;
   place.fit.inliers = static_cast<int>(estimate.inliers.size());
   place.reference_keyframe = ReferenceKeyframe(query.map, estimate.inliers);
@@ -183,6 +202,16 @@ FoundPlace ToPlace(const ImageQuery& query, Estimate estimate) {
 }
 
 }  // namespace
+
+bool FocalFit::doubts() const {
+  const double off = std::abs(std::log(factor));
+  return sigma > 0.0 && off > 0.5 * kUsualFocalError && off > kDoubtSigmas * sigma;
+}
+
+bool FocalFit::contradicts() const {
+  const double off = std::abs(std::log(factor));
+  return sigma > 0.0 && off > kUsualFocalError && off > kContradictingSigmas * sigma;
+}
 
 absl::StatusOr<Relocalization> AttemptPose(const ImageQuery& query, KeyframeId founder,
                                            std::span<const GroupMatch> matches, std::uint64_t number,

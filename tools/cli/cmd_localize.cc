@@ -9,6 +9,7 @@
 #include "api/localizer.h"
 #include "base/files.h"
 #include "base/guarded.h"
+#include "base/median.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
 #include "cli/input_options.h"
@@ -45,6 +46,7 @@ struct LocalizeOptions {
 struct Summary {
   std::int64_t frames = 0;
   std::int64_t localized = 0;
+  std::vector<double> focal_factors;           // of answers that contradict the calibration
   std::int64_t elsewhere = 0;                  // of these, in a component whose frame is not that of the files
   std::map<std::string, std::int64_t> misses;  // by stage
   SampleReservoir latency_ms;
@@ -64,6 +66,7 @@ struct Summary {
     lens = answer.lens;
     if (answer.localized) {
       ++localized;
+      if (answer.focal_factor != 1.0) focal_factors.push_back(answer.focal_factor);
       // A map that is aligned meanwhile: from then on its answers are in another frame.
       if (std::ranges::find(together, answer.component) == together.end() || answer.world_is_metric != metric) {
         ++elsewhere;
@@ -106,6 +109,11 @@ void PrintLensUse(api::LensUse lens) {
   }
 }
 
+// Single images may err; not half of them.
+bool CalibrationContradicted(const Summary& summary) {
+  return 2 * static_cast<std::int64_t>(summary.focal_factors.size()) > summary.localized;
+}
+
 void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::int64_t skipped, bool interrupted) {
   const double share =
       summary.frames > 0 ? static_cast<double>(summary.localized) / static_cast<double>(summary.frames) : 0.0;
@@ -119,6 +127,7 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
                  {"frames_skipped", skipped},
                  {"interrupted", interrupted},
                  {"lens", api::LensUseName(summary.lens)},
+                 {"calibration_contradicted", CalibrationContradicted(summary)},
                  {"misses", summary.misses},
                  {"latency_ms", SampleStatistics(summary.latency_ms)}});
     if (options.verbose) json["images"] = summary.images;
@@ -138,6 +147,13 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
   if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
   if (interrupted) std::printf("  interrupted: this is what was done until then\n");
   PrintLensUse(summary.lens);
+  if (CalibrationContradicted(summary)) {
+    std::printf(
+        "  WARNING: the calibration does not fit the images, %zu of %lld show a focal length of about x %.3f: the "
+        "poses are "
+        "off, and less sure than usual; calibrate the camera\n",
+        summary.focal_factors.size(), static_cast<long long>(summary.localized), Median(summary.focal_factors));
+  }
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
 

@@ -33,6 +33,7 @@ void AddPose(const api::LocatedPose& answer, nlohmann::ordered_json* json) {
   (*json)["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
   (*json)["position_sigma"] = PositionSigma(answer) / (InWorld(answer) ? 1.0 : answer.world_per_map);
   (*json)["rotation_sigma_deg"] = RotationSigmaDeg(answer);
+  if (answer.focal_factor != 1.0) (*json)["focal_factor"] = answer.focal_factor;
   (*json)["reference_keyframe"] = answer.reference_keyframe.value();
   (*json)["component"] = answer.component.value();
 }
@@ -84,6 +85,9 @@ void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& p
     std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", name.c_str(), t.x(), t.y(), t.z(),
                 InWorld(answer) ? "m" : "(map units)", answer.counts.inliers, answer.extract_ms + answer.locate_ms);
     if (answer.components > 1) std::printf(", in component %u", answer.component.value());
+    if (answer.focal_factor != 1.0) {
+      std::printf(", but the calibration does not fit: focal length x %.3f", answer.focal_factor);
+    }
     std::printf("\n");
   } else {
     std::printf("%s: not located at stage \"%s\": %s\n", name.c_str(), api::LocalizeStageName(answer.stage),
