@@ -51,11 +51,7 @@ api::LocatedPose ToApi(const map::Snapshot& map, const tracking::FoundPlace& pla
   const tracking::MapError error = tracking::MapErrorOf(place.fit, map_error);
   pose.covariance =
       place.covariance + tracking::CovarianceAtCamera(pose.map_from_camera, error.translation, error.rotation_rad);
-  if (place.focal.contradicts()) pose.focal_factor = place.focal.factor;
-  if (place.focal.doubts()) {
-    pose.covariance += tracking::CovarianceAtCamera(pose.map_from_camera, place.focal.shift,
-                                                    place.focal.shift / place.fit.median_depth);
-  }
+  pose.focal_factor = place.focal_factor;
   pose.reference_keyframe = place.reference_keyframe;
   pose.inliers = place.fit.inliers;
   pose.component = map.keyframe(place.reference_keyframe).component;

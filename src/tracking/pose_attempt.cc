@@ -7,18 +7,16 @@
 #include <utility>
 #include <vector>
 
-#include "optimization/focal_refinement.h"
+#include "optimization/focal_estimate.h"
 
 namespace cairn::tracking {
 namespace {
 
 using optimization::PoseObservation;
 
-// A map that is bent, or a lens that is not quite what the model says, moves the focal length of single images by so
-// much, without the calibration being wrong.
-constexpr double kUsualFocalError = 0.015;
-constexpr double kContradictingSigmas = 5.0, kDoubtSigmas = 3.0;
-
+// Maps that are bent a little move the focal length of single images by so much.
+constexpr double kUsualFocalError = 0.0075;
+constexpr double kDoubtSigmas = 3.0;
 constexpr double kViewMargin = 0.15;  // around the image, share of its width
 constexpr int kExpectedPoints = 3;    // in view, from which a cell should show one: a single one may be hidden
 
@@ -32,6 +30,7 @@ struct Estimate {
   SE3 camera_from_map;
   Matrix6d covariance = Matrix6d::Zero();  // of camera_from_map
   std::vector<PointObservation> inliers;
+  std::vector<PoseObservation> observations;  // all matches of the last round
   MapFit fit;
 };
 
@@ -126,6 +125,7 @@ bool GuidedRound(const ImageQuery& query, const RelocalizerOptions& options, dou
   estimate->fit.median_depth = depths[depths.size() / 2];
   CountCells(query, *estimate, around, found.visible, counts);
   counts->inliers = static_cast<int>(estimate->inliers.size());
+  estimate->observations = std::move(observations);
   return true;
 }
 
@@ -178,22 +178,21 @@ bool Guide(const ImageQuery& query, const RelocalizerOptions& options, Estimate*
   return true;
 }
 
-FocalFit FitFocal(const ImageQuery& query, const Estimate& estimate) {
-  std::vector<PoseObservation> observations;
-  for (const PointObservation& inlier : estimate.inliers) {
-    observations.push_back(query.Observation(query.map.point(inlier.point).position, inlier.feature));
-  }
-  const auto refined = optimization::RefineFocal(query.pinhole, estimate.camera_from_map, observations);
-  if (!refined.ok()) return {};
-  const SE3 moved = refined->camera_from_map * estimate.camera_from_map.Inverse();
-  return {refined->factor, refined->factor_sigma, moved.Inverse().translation().norm()};
+// The covariance of the pose, covering where it would be with the focal length that the matches show.
+void DoubtFocal(const ImageQuery& query, Estimate* estimate, FoundPlace* place) {
+  const auto focal = optimization::EstimateFocal(query.pinhole, estimate->camera_from_map, estimate->observations);
+  if (!focal.ok()) return;  // the matches leave it open
+  const double off = std::abs(std::log(focal->scale));
+  if (off < std::max(kUsualFocalError, kDoubtSigmas * focal->log_sigma)) return;
+  estimate->covariance = optimization::CoverFocal(estimate->camera_from_map, estimate->covariance, *focal);
+  if (focal->Contradicts()) place->focal_factor = focal->scale;
 }
 
 FoundPlace ToPlace(const ImageQuery& query, Estimate estimate) {
   FoundPlace place;
   place.camera_from_map = estimate.camera_from_map;
+  DoubtFocal(query, &estimate, &place);
   place.covariance = optimization::CovarianceOfInverse(estimate.camera_from_map, estimate.covariance);
-  place.focal = FitFocal(query, estimate);
   place.fit = estimate.fit;
   place.fit.inliers = static_cast<int>(estimate.inliers.size());
   place.reference_keyframe = ReferenceKeyframe(query.map, estimate.inliers);
@@ -202,16 +201,6 @@ FoundPlace ToPlace(const ImageQuery& query, Estimate estimate) {
 }
 
 }  // namespace
-
-bool FocalFit::doubts() const {
-  const double off = std::abs(std::log(factor));
-  return sigma > 0.0 && off > 0.5 * kUsualFocalError && off > kDoubtSigmas * sigma;
-}
-
-bool FocalFit::contradicts() const {
-  const double off = std::abs(std::log(factor));
-  return sigma > 0.0 && off > kUsualFocalError && off > kContradictingSigmas * sigma;
-}
 
 absl::StatusOr<Relocalization> AttemptPose(const ImageQuery& query, KeyframeId founder,
                                            std::span<const GroupMatch> matches, std::uint64_t number,

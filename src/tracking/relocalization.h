@@ -32,27 +32,16 @@ struct PointObservation {
   std::uint32_t feature = 0;
 };
 
-// What the inliers say of the image's calibration: the factor by which its focal length would fit them better, with its
-// standard deviation, and by how much the camera's centre would move with it, map units. Nothing if they leave it open.
-struct FocalFit {
-  double factor = 1.0;
-  double sigma = 0.0;  // 0: open
-  double shift = 0.0;
-
-  // The focal length is not what the calibration says: by more than maps bend.
-  bool contradicts() const;
-  // It may not be: the pose may be off by `shift`.
-  bool doubts() const;
-};
-
 // A place of the map that fits the image.
 struct FoundPlace {
   SE3 camera_from_map;
-  // Of (translation, rotation) as a left increment of map_from_camera, map units and radians, as the matches leave it:
-  // that the map errs there is not in it.
+  // Of (translation, rotation) as a left increment of map_from_camera, map units and radians, as the matches leave it,
+  // the focal length with it where they doubt that: that the map errs there is not in it.
   Matrix6d covariance = Matrix6d::Zero();
   MapFit fit;
-  FocalFit focal;
+  // Where the matches contradict the calibration (optimization/focal_estimate.h): what its focal length should be
+  // multiplied by. 1: they do not.
+  double focal_factor = 1.0;
   KeyframeId reference_keyframe;          // that sees most of the inliers
   std::vector<PointObservation> inliers;  // ascending by point
 };
