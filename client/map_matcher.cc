@@ -9,6 +9,7 @@
 #include "image/matching.h"
 #include "image/orb_extractor.h"
 #include "optimization/pose_refinement.h"
+#include "tracking/view_support.h"
 
 namespace cairn::client {
 namespace {
@@ -30,6 +31,9 @@ absl::Status MapMatcherOptions::Validate() const {
   if (num_features < 0) return absl::InvalidArgumentError("map matcher: num_features must not be negative");
   if (num_features_followed < local_map.min_inliers) {
     return absl::InvalidArgumentError("map matcher: num_features_followed must not be below local_map.min_inliers");
+  }
+  if (!(min_support >= 0.0 && min_support < 1.0)) {
+    return absl::InvalidArgumentError("map matcher: min_support must be in [0, 1)");
   }
   if (!(min_inlier_share >= 0.0 && min_inlier_share < 1.0)) {
     return absl::InvalidArgumentError("map matcher: min_inlier_share must be in [0, 1)");
@@ -97,6 +101,22 @@ Sighting MapMatcher::ToSighting(const tracking::MapView& view, const ImageFeatur
   return sighting;
 }
 
+double MapMatcher::SupportOf(const map::Snapshot& map, const ImageFeatures& image,
+                             const tracking::TrackedView& tracked) const {
+  const Pinhole& pinhole = undistorter_->pinhole();
+  tracking::ViewSupport support(pinhole);
+  for (std::size_t i = 0; i < tracked.points.size(); ++i) {
+    if (!tracked.points[i]) continue;
+    const image::Keypoint& keypoint = image.features.keypoints[i];
+    support.Find({keypoint.x_px, keypoint.y_px});
+  }
+  for (const PointId id : tracked.visible) {
+    const Vector3d point_c = tracked.camera_from_map * map.point(id).position;
+    if (optimization::InFront(point_c)) support.Expect(pinhole.Project(point_c));
+  }
+  return support.Share();
+}
+
 Sighting MapMatcher::Match(const tracking::MapView& view, const ImageFeatures& image, const Expectation& expected,
                            StreamCache* cache) const {
   const Pinhole& pinhole = undistorter_->pinhole();
@@ -120,6 +140,14 @@ Sighting MapMatcher::Match(const tracking::MapView& view, const ImageFeatures& i
     Sighting miss;
     miss.reason = absl::StrCat("of ", image.features.size(), " features ", tracked.inliers,
                                " agree with the map around, at least ", needed, " needed");
+    return miss;
+  }
+  const double support = SupportOf(view.map(), image, tracked);
+  if (support < options_.min_support) {
+    Sighting miss;
+    miss.reason = absl::StrCat(
+        tracked.inliers, " features agree with the map around, but too little of the view shows ", "what it should");
+    miss.misplaced = true;
     return miss;
   }
   return ToSighting(view, image, tracked);

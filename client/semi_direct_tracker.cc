@@ -241,6 +241,10 @@ absl::Status SemiDirectTracker::Use(const WatchAnswer& answer) {
   if (!answer.sighting.found) {
     ++failures_;
     failure_ = answer.sighting.reason;
+    if (answer.sighting.misplaced) {  // no need to fail more often before it is looked for elsewhere
+      failures_ = std::max(failures_, kFailuresToSearch);
+      searched_ns_ = 0;
+    }
     return absl::OkStatus();
   }
   if (follower_ == nullptr) {

@@ -1,6 +1,5 @@
 #include "tracking/pose_attempt.h"
 
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <string>
@@ -8,6 +7,7 @@
 #include <vector>
 
 #include "optimization/focal_estimate.h"
+#include "tracking/view_support.h"
 
 namespace cairn::tracking {
 namespace {
@@ -18,7 +18,6 @@ using optimization::PoseObservation;
 constexpr double kUsualFocalError = 0.0075;
 constexpr double kDoubtSigmas = 3.0;
 constexpr double kViewMargin = 0.15;  // around the image, share of its width
-constexpr int kExpectedPoints = 3;    // in view, from which a cell should show one: a single one may be hidden
 
 void Miss(RelocalizationStage stage, std::string reason, Relocalization* attempt) {
   attempt->stage = stage;
@@ -72,29 +71,20 @@ GuidedPoints PointsAround(const ImageQuery& query, const RelocalizerOptions& opt
 // Of the cells where points should be in view, those that show some.
 void CountCells(const ImageQuery& query, const Estimate& estimate, const GuidedPoints& around,
                 std::span<const std::uint32_t> visible, RelocalizationCounts* counts) {
-  std::array<int, kRelocalizerCells * kRelocalizerCells> found{}, expected{};
+  ViewSupport support(query.pinhole);
   for (const PointObservation& inlier : estimate.inliers) {
     const image::Keypoint& keypoint = query.features.keypoints[inlier.feature];
-    ++found[query.Cell({keypoint.x_px, keypoint.y_px})];
+    support.Find({keypoint.x_px, keypoint.y_px});
   }
   for (const std::uint32_t i : visible) {
     const Vector3d point_c = estimate.camera_from_map * around.points[i]->position;
-    if (optimization::InFront(point_c)) ++expected[query.Cell(query.pinhole.Project(point_c))];
+    if (optimization::InFront(point_c)) support.Expect(query.pinhole.Project(point_c));
   }
-  counts->cells = counts->visible_cells = 0;
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    if (expected[i] < kExpectedPoints) continue;
-    ++counts->visible_cells;
-    counts->cells += found[i] > 0 ? 1 : 0;
-  }
+  counts->cells = support.cells();
+  counts->visible_cells = support.visible_cells();
 }
 
-// The share of the cells that the pose makes show points, less two standard deviations of so small a sample.
-double Support(const RelocalizationCounts& counts) {
-  if (counts.visible_cells == 0) return 0.0;
-  const double share = static_cast<double>(counts.cells) / counts.visible_cells;
-  return share - 2.0 * std::sqrt(share * (1.0 - share) / counts.visible_cells);
-}
+double Support(const RelocalizationCounts& counts) { return ViewSupport::ShareOf(counts.cells, counts.visible_cells); }
 
 // One round of guided search and refinement. False if the refinement fails.
 bool GuidedRound(const ImageQuery& query, const RelocalizerOptions& options, double radius_factor,

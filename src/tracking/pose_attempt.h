@@ -3,7 +3,6 @@
 // the evidence.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 #include <span>
 
@@ -32,13 +31,6 @@ struct ImageQuery {
   optimization::PoseObservation Observation(const Vector3d& point, std::uint32_t feature) const {
     const image::Keypoint& keypoint = features.keypoints[feature];
     return {point, {keypoint.x_px, keypoint.y_px}, SigmaPx(feature)};
-  }
-  std::size_t Cell(const Vector2d& pixel) const {
-    const auto part = [](double x, int size) {
-      return static_cast<std::size_t>(
-          std::clamp(static_cast<int>(x * kRelocalizerCells / size), 0, kRelocalizerCells - 1));
-    };
-    return part(pixel.y(), pinhole.height_px) * kRelocalizerCells + part(pixel.x(), pinhole.width_px);
   }
 };
 

@@ -1,6 +1,7 @@
 #include "tracking/relocalizer_options.h"
 
 #include "tracking/projection_matcher.h"
+#include "tracking/view_support.h"
 
 namespace cairn::tracking {
 
@@ -19,7 +20,8 @@ absl::Status RelocalizerOptions::Validate() const {
   }
   if (descriptors_per_point < 1) return bad("descriptors_per_point must be at least 1");
   if (min_inliers < 6) return bad("min_inliers must be at least 6");
-  if (min_cells < 1 || min_cells > kRelocalizerCells * kRelocalizerCells) return bad("min_cells must be from 1 to 64");
+  if (min_cells < 1 || min_cells > ViewSupport::kCellsPerSide * ViewSupport::kCellsPerSide)
+    return bad("min_cells must be from 1 to 64");
   if (!(min_support >= 0.0 && min_support <= 1.0)) return bad("min_support must be in [0, 1]");
   if (strong_inliers < min_inliers) return bad("strong_inliers must not be below min_inliers");
   if (!(strong_support >= min_support && strong_support <= 1.0)) {

@@ -10,9 +10,6 @@
 
 namespace cairn::tracking {
 
-// The image in 8 x 8 cells, to see how what is found in it is spread.
-constexpr int kRelocalizerCells = 8;
-
 struct RelocalizerOptions {
   // Features and candidates.
   int min_features = 30;
