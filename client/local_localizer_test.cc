@@ -80,27 +80,5 @@ TEST_F(LocalLocalizer, ErrorsOfTheFileAndOfOptions) {
   EXPECT_EQ(client::LocalLocalizer::Open(path_, options).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(LocalizerOfAFile, AFocalLengthThatIsOffIsTold) {
-  const std::string path = testing::TempDir() + "/local_localizer_focal_" + std::to_string(getpid()) + ".cairn";
-  std::remove(path.c_str());
-  ASSERT_TRUE(WriteConformanceMap(path).ok());
-  auto localizer = client::LocalLocalizer::Open(path);
-  ASSERT_TRUE(localizer.ok()) << localizer.status();
-  const conformance::ConformanceMap& map = conformance::TheConformanceMap();
-  const SE3 truth = conformance::LookInRoom({0.2, 0.0, -1.4}, 0.3);
-  api::LocalizeQuery query{map.room.Render(map.pinhole, truth), Camera::FromPinhole(map.pinhole), 0};
-  const auto right = (*localizer)->Localize(query);
-  ASSERT_TRUE(right.ok() && right->localized);
-  EXPECT_EQ(right->focal_factor, 1.0);
-  query.camera.fx_px *= 1.12;
-  query.camera.fy_px *= 1.12;
-  const auto off = (*localizer)->Localize(query);
-  ASSERT_TRUE(off.ok() && off->localized) << off->reason;
-  EXPECT_NEAR(off->focal_factor, 1.0 / 1.12, 0.02);
-  const Vector6d error = (off->map_from_camera * truth).Log();
-  EXPECT_LT(error.dot(off->covariance.ldlt().solve(error)), 25.0 * 6.0);
-  std::remove(path.c_str());
-}
-
 }  // namespace
 }  // namespace cairn::conformance

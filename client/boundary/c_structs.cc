@@ -202,6 +202,7 @@ cairn_localize_answer ToC(const v0::LocalizeAnswer& answer) {
   result.lens = static_cast<std::int32_t>(answer.lens);
   WriteString(answer.map_id, result.map_id, sizeof(result.map_id));
   WriteString(answer.reason, result.reason, sizeof(result.reason));
+  result.focal_factor = answer.focal_factor;
   result.num_rivals = static_cast<std::int32_t>(answer.rivals.size());
   for (std::size_t i = 0; i < std::min<std::size_t>(answer.rivals.size(), CAIRN_MAX_RIVALS); ++i) {
     const v0::RivalPose& rival = answer.rivals[i];

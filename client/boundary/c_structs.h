@@ -42,7 +42,7 @@ inline constexpr std::size_t kFirstSize<cairn_localize_query> = 40;
 template <>
 inline constexpr std::size_t kFirstSize<cairn_prior> = 88;
 template <>
-inline constexpr std::size_t kFirstSize<cairn_localize_answer> = 1392;
+inline constexpr std::size_t kFirstSize<cairn_localize_answer> = 1400;
 template <>
 inline constexpr std::size_t kFirstSize<cairn_tracker_options> = 24;
 template <>

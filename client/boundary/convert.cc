@@ -90,6 +90,7 @@ void PoseToPublic(const api::LocatedPose& pose, Public* out) {
   out->world_is_metric = pose.world_is_metric;
   out->covariance = ToPublic(pose.covariance);
   out->reference_keyframe = pose.reference_keyframe.value();
+  out->focal_factor = pose.focal_factor;
 }
 
 }  // namespace

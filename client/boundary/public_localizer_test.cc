@@ -67,12 +67,14 @@ class OverPublic : public api::Localizer {
     answer.revision = found.revision;
     answer.lens = static_cast<api::LensUse>(found.lens);
     answer.reference_keyframe = KeyframeId(found.reference_keyframe);
+    answer.focal_factor = found.focal_factor;
     answer.extract_ms = found.extract_ms;
     answer.locate_ms = found.locate_ms;
     for (const v0::RivalPose& rival : found.rivals) {
       answer.rivals.push_back({ToSE3(rival.map_from_camera), ComponentId(rival.component),
                                ToSE3(rival.world_from_camera), rival.world_per_map, rival.world_is_metric,
-                               v0::ToEigen(rival.covariance), KeyframeId(rival.reference_keyframe), rival.inliers});
+                               v0::ToEigen(rival.covariance), KeyframeId(rival.reference_keyframe), rival.inliers,
+                               rival.focal_factor});
     }
     return answer;
   }
@@ -176,6 +178,7 @@ class OverC : public api::Localizer {
     answer.map_id = found.map_id;
     answer.revision = found.revision;
     answer.reference_keyframe = KeyframeId(found.reference_keyframe);
+    answer.focal_factor = found.focal_factor;
     for (int i = 0; i < found.num_rivals; ++i) {
       const cairn_rival& rival = found.rivals[i];
       api::LocatedPose pose;

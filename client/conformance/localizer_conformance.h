@@ -202,6 +202,23 @@ TEST_P(LocalizerConformance, PlacesThatLookAlikeAreNotGuessed) {
   std::remove(path.c_str());
 }
 
+TEST_P(LocalizerConformance, AFocalLengthThatIsOffIsTold) {
+  const SE3 truth = LookInRoom({0.2, 0.0, -1.4}, 0.3);
+  api::LocalizeQuery query = QueryAt(truth);
+  const auto right = localizer_->Localize(query);
+  ASSERT_TRUE(right.ok()) << right.status();
+  ExpectPose(*right, truth);
+  EXPECT_EQ(right->focal_factor, 1.0);
+  query.camera.fx_px *= 1.12;
+  query.camera.fy_px *= 1.12;
+  const auto off = localizer_->Localize(query);
+  ASSERT_TRUE(off.ok()) << off.status();
+  ASSERT_TRUE(off->localized) << off->reason;
+  EXPECT_NEAR(off->focal_factor, 1.0 / 1.12, 0.02);
+  const Vector6d error = (off->map_from_camera * truth).Log();
+  EXPECT_LT(error.dot(off->covariance.ldlt().solve(error)), 25.0 * 6.0);
+}
+
 TEST_P(LocalizerConformance, BadQueriesAreErrors) {
   const api::LocalizeQuery good = QueryAt(LookInRoom({0.0, 0.0, -1.4}, 0.0));
   api::LocalizeQuery bad = good;

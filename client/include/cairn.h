@@ -235,6 +235,7 @@ typedef struct cairn_localize_answer {
   int32_t lens;                         /**< cairn_lens_use */
   char map_id[40];                      /**< 32 hex digits */
   char reason[260];                     /**< of a miss, for people */
+  double focal_factor;                  /**< what the camera's focal length should be multiplied by; 1: it fits */
   int32_t num_rivals;                   /**< of CAIRN_STAGE_RIVALS, the first CAIRN_MAX_RIVALS of which are below */
   int32_t reserved;                     /**< 0 */
   cairn_rival rivals[CAIRN_MAX_RIVALS]; /**< most inliers first */

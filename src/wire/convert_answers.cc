@@ -50,6 +50,7 @@ void WritePose(const api::LocatedPose& pose, Message* out) {
   out->set_world_is_metric(pose.world_is_metric);
   Write(pose.covariance, out->mutable_covariance());
   out->set_reference_keyframe(pose.reference_keyframe.value());
+  out->set_focal_factor(pose.focal_factor);
 }
 
 template <class Message>
@@ -61,6 +62,7 @@ absl::Status ReadPose(const Message& message, api::LocatedPose* pose) {
   pose->world_is_metric = message.world_is_metric();
   CAIRN_ASSIGN_OR_RETURN(pose->covariance, ReadMatrix(message.covariance()));
   pose->reference_keyframe = KeyframeId(message.reference_keyframe());
+  pose->focal_factor = message.focal_factor();
   return absl::OkStatus();
 }
 

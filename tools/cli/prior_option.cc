@@ -15,7 +15,7 @@ absl::StatusOr<std::vector<double>> Numbers(const std::string& text, std::size_t
   std::vector<double> numbers;
   for (const absl::string_view word : absl::StrSplit(text, absl::ByAnyChar(" ,\t"), absl::SkipEmpty())) {
     double number = 0.0;
-    if (!absl::SimpleAtod(word, &number)) {
+    if (!absl::SimpleAtod(word, &number) || std::isnan(number)) {
       return absl::InvalidArgumentError(absl::StrCat(option, ": \"", word, "\" is not a number"));
     }
     numbers.push_back(number);
@@ -51,6 +51,9 @@ absl::StatusOr<std::optional<api::PosePrior>> ReadPrior(const PriorOptions& opti
   if (!(std::abs(rotation.norm() - 1.0) < kUnit)) {
     return absl::InvalidArgumentError(
         absl::StrCat("--prior: the quaternion qx qy qz qw has length ", rotation.norm(), ", not 1"));
+  }
+  for (const double number : pose) {
+    if (!std::isfinite(number)) return absl::InvalidArgumentError("--prior: a number is not finite");
   }
   if (!(sigma[0] > 0.0 && sigma[1] > 0.0)) return absl::InvalidArgumentError("--prior-sigma: both must be positive");
   api::PosePrior prior;

@@ -53,6 +53,7 @@ struct RivalPose {
   PoseCovariance covariance{};           ///< of map_from_camera
   std::uint32_t reference_keyframe = 0;  ///< the one that shares most points
   int inliers = 0;                       ///< points of the map that are seen where the pose puts them
+  double focal_factor = 1.0;             ///< as LocalizeAnswer::focal_factor
 };
 
 /// Where a single image was taken; or, if `localized` is false, why that is not known.
@@ -72,6 +73,9 @@ struct LocalizeAnswer {
   double world_per_map = 1.0;    ///< metres per unit of the map, once aligned
   bool world_is_metric = false;  ///< the component has been aligned
   PoseCovariance covariance{};   ///< of map_from_camera
+  /// Where the matches contradict the camera that was given: what its focal length should be multiplied by. The
+  /// covariance then has in it by how much the pose would move. 1: they do not.
+  double focal_factor = 1.0;
 
   std::string map_id;                    ///< 32 hex digits
   std::uint64_t revision = 0;            ///< of the map that was asked

@@ -37,10 +37,13 @@ struct CallOptions {
   /// May be null; must live until the call returns.
   const Cancellation* cancellation = nullptr;
 
-  /// A deadline so much from now.
+  /// A deadline so much from now; none if that is beyond what the clock can count.
   static CallOptions Within(std::chrono::nanoseconds time) noexcept {
+    using Clock = std::chrono::steady_clock;
     CallOptions options;
-    options.deadline = std::chrono::steady_clock::now() + time;
+    const Clock::time_point now = Clock::now();
+    if (time < Clock::time_point::max() - now)
+      options.deadline = now + std::chrono::duration_cast<Clock::duration>(time);
     return options;
   }
 };

@@ -40,7 +40,8 @@ struct LocalizeQuery {
 /// Thread-safe: any number of calls at once.
 class CAIRN_API Localizer {
  public:
-  /// A miss is an answer with `localized` false. Errors: kInvalidArgument (image or camera), kDeadlineExceeded,
+  /// A miss is an answer with `localized` false. Errors: kInvalidArgument (image, camera or prior),
+  /// kFailedPrecondition (a lens whose images cannot be undistorted), kDeadlineExceeded,
   /// kCancelled, kDataLoss, kResourceExhausted, kUnavailable.
   absl::StatusOr<LocalizeAnswer> Localize(const LocalizeQuery& query, const CallOptions& call = {}) const noexcept;
 
