@@ -33,6 +33,22 @@ cairn_pose PoseToC(const v0::Pose& pose) {
   return result;
 }
 
+// What the answers of localizers and trackers have in common.
+template <class Answer, class Struct>
+void LocatedToC(const Answer& answer, Struct* result) {
+  result->map_from_camera = PoseToC(answer.map_from_camera);
+  result->world_from_camera = PoseToC(answer.world_from_camera);
+  result->world_per_map = answer.world_per_map;
+  std::copy(answer.covariance.begin(), answer.covariance.end(), result->covariance);
+  result->position_sigma = v0::PositionSigma(answer.map_from_camera, answer.covariance);
+  result->rotation_sigma_rad = v0::RotationSigmaRad(answer.covariance);
+  result->world_is_metric = answer.world_is_metric ? 1 : 0;
+  result->component = answer.component;
+  result->revision = answer.revision;
+  WriteString(answer.map_id, result->map_id, sizeof(result->map_id));
+  WriteString(answer.reason, result->reason, sizeof(result->reason));
+}
+
 }  // namespace
 
 void WriteString(absl::string_view from, char* to, std::size_t size) {
@@ -180,17 +196,9 @@ cairn_localize_answer ToC(const v0::LocalizeAnswer& answer) {
   cairn_localize_answer result{};
   result.localized = answer.localized ? 1 : 0;
   result.stage = static_cast<std::int32_t>(answer.stage);
-  result.map_from_camera = PoseToC(answer.map_from_camera);
-  result.world_from_camera = PoseToC(answer.world_from_camera);
-  result.world_per_map = answer.world_per_map;
-  std::copy(answer.covariance.begin(), answer.covariance.end(), result.covariance);
-  result.position_sigma = v0::PositionSigma(answer.map_from_camera, answer.covariance);
-  result.rotation_sigma_rad = v0::RotationSigmaRad(answer.covariance);
-  result.world_is_metric = answer.world_is_metric ? 1 : 0;
+  LocatedToC(answer, &result);
   result.components = answer.components;
-  result.component = answer.component;
   result.reference_keyframe = answer.reference_keyframe;
-  result.revision = answer.revision;
   result.extract_ms = answer.extract_ms;
   result.locate_ms = answer.locate_ms;
   result.features = answer.counts.features;
@@ -200,8 +208,6 @@ cairn_localize_answer ToC(const v0::LocalizeAnswer& answer) {
   result.guided_matches = answer.counts.guided_matches;
   result.inliers = answer.counts.inliers;
   result.lens = static_cast<std::int32_t>(answer.lens);
-  WriteString(answer.map_id, result.map_id, sizeof(result.map_id));
-  WriteString(answer.reason, result.reason, sizeof(result.reason));
   result.focal_factor = answer.focal_factor;
   result.num_rivals = static_cast<std::int32_t>(answer.rivals.size());
   for (std::size_t i = 0; i < std::min<std::size_t>(answer.rivals.size(), CAIRN_MAX_RIVALS); ++i) {
@@ -222,20 +228,10 @@ cairn_track_answer ToC(const v0::TrackAnswer& answer) {
   cairn_track_answer result{};
   result.time_ns = answer.time_ns;
   result.state = static_cast<std::int32_t>(answer.state);
-  result.component = answer.component;
-  result.map_from_camera = PoseToC(answer.map_from_camera);
-  result.world_from_camera = PoseToC(answer.world_from_camera);
-  result.world_per_map = answer.world_per_map;
-  std::copy(answer.covariance.begin(), answer.covariance.end(), result.covariance);
-  result.position_sigma = v0::PositionSigma(answer.map_from_camera, answer.covariance);
-  result.rotation_sigma_rad = v0::RotationSigmaRad(answer.covariance);
-  result.world_is_metric = answer.world_is_metric ? 1 : 0;
+  LocatedToC(answer, &result);
   result.inliers = answer.inliers;
   result.matched_ns = answer.matched_ns;
-  result.revision = answer.revision;
   result.track_ms = answer.track_ms;
-  WriteString(answer.map_id, result.map_id, sizeof(result.map_id));
-  WriteString(answer.reason, result.reason, sizeof(result.reason));
   WriteString(answer.note, result.note, sizeof(result.note));
   return result;
 }

@@ -34,52 +34,6 @@ absl::StatusOr<CameraModel> ModelToInternal(v0::CameraModel model) {
   return absl::InvalidArgumentError(absl::StrCat("camera: there is no model ", static_cast<int>(model)));
 }
 
-v0::LocalizeStage StageToPublic(api::LocalizeStage stage) {
-  switch (stage) {
-    case api::LocalizeStage::kFeatures:
-      return v0::LocalizeStage::kFeatures;
-    case api::LocalizeStage::kCandidates:
-      return v0::LocalizeStage::kCandidates;
-    case api::LocalizeStage::kMatches:
-      return v0::LocalizeStage::kMatches;
-    case api::LocalizeStage::kPnp:
-      return v0::LocalizeStage::kPnp;
-    case api::LocalizeStage::kRefinement:
-      return v0::LocalizeStage::kRefinement;
-    case api::LocalizeStage::kRivals:
-      return v0::LocalizeStage::kRivals;
-    case api::LocalizeStage::kDone:
-      return v0::LocalizeStage::kDone;
-  }
-  return v0::LocalizeStage::kFeatures;
-}
-
-v0::LensUse LensToPublic(api::LensUse use) {
-  switch (use) {
-    case api::LensUse::kNone:
-      return v0::LensUse::kNone;
-    case api::LensUse::kCorrected:
-      return v0::LensUse::kCorrected;
-    case api::LensUse::kOtherCalibration:
-      return v0::LensUse::kOtherCalibration;
-  }
-  return v0::LensUse::kNone;
-}
-
-v0::TrackState StateToPublic(api::TrackState state) {
-  switch (state) {
-    case api::TrackState::kLocated:
-      return v0::TrackState::kLocated;
-    case api::TrackState::kTracked:
-      return v0::TrackState::kTracked;
-    case api::TrackState::kCarried:
-      return v0::TrackState::kCarried;
-    case api::TrackState::kLost:
-      return v0::TrackState::kLost;
-  }
-  return v0::TrackState::kLost;
-}
-
 // A RivalPose, or the answer, which has the same members.
 template <class Public>
 void PoseToPublic(const api::LocatedPose& pose, Public* out) {
@@ -179,7 +133,7 @@ v0::PoseCovariance ToPublic(const Matrix6d& covariance) {
 v0::LocalizeAnswer ToPublic(const api::LocalizeAnswer& answer) {
   v0::LocalizeAnswer result;
   result.localized = answer.localized;
-  result.stage = StageToPublic(answer.stage);
+  result.stage = static_cast<v0::LocalizeStage>(answer.stage);
   result.reason = answer.reason;
   const api::LocalizeCounts& counts = answer.counts;
   result.counts = {counts.features,    counts.candidates,     counts.word_matches,
@@ -192,7 +146,7 @@ v0::LocalizeAnswer ToPublic(const api::LocalizeAnswer& answer) {
   }
   result.map_id = answer.map_id;
   result.revision = answer.revision;
-  result.lens = LensToPublic(answer.lens);
+  result.lens = static_cast<v0::LensUse>(answer.lens);
   result.extract_ms = answer.extract_ms;
   result.locate_ms = answer.locate_ms;
   return result;
@@ -201,7 +155,7 @@ v0::LocalizeAnswer ToPublic(const api::LocalizeAnswer& answer) {
 v0::TrackAnswer ToPublic(const api::TrackAnswer& answer) {
   v0::TrackAnswer result;
   result.time_ns = answer.time_ns;
-  result.state = StateToPublic(answer.state);
+  result.state = static_cast<v0::TrackState>(answer.state);
   result.reason = answer.reason;
   result.map_from_camera = ToPublic(answer.map_from_camera);
   result.component = answer.component.value();

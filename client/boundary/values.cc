@@ -21,9 +21,14 @@ namespace {
 // One version everywhere.
 static_assert(absl::string_view(CAIRN_VERSION) == kVersion && absl::string_view(CAIRN_VERSION) == CAIRN_BUILD_VERSION);
 
-// So that names can be asked of the modules.
+// The enumerators here are those of the modules, in the same order: one is the other's number
+// (client/boundary/convert.cc), and names can be asked of the modules.
+static_assert(static_cast<int>(LocalizeStage::kRefinement) == static_cast<int>(api::LocalizeStage::kRefinement));
+static_assert(static_cast<int>(LocalizeStage::kRivals) == static_cast<int>(api::LocalizeStage::kRivals));
 static_assert(static_cast<int>(LocalizeStage::kDone) == static_cast<int>(api::LocalizeStage::kDone));
+static_assert(static_cast<int>(LensUse::kCorrected) == static_cast<int>(api::LensUse::kCorrected));
 static_assert(static_cast<int>(LensUse::kOtherCalibration) == static_cast<int>(api::LensUse::kOtherCalibration));
+static_assert(static_cast<int>(TrackState::kCarried) == static_cast<int>(api::TrackState::kCarried));
 static_assert(static_cast<int>(TrackState::kLost) == static_cast<int>(api::TrackState::kLost));
 
 Vector3d ToEigen(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }

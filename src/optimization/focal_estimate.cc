@@ -53,8 +53,7 @@ FocalEquations LinearizeAt(const Pinhole& pinhole, const FocalState& state,
     const Vector3d point_c = state.camera_from_map * observation.point;
     Eigen::Matrix<double, 2, 7> j;
     j.leftCols<6>() = ReprojectionByPose(scaled, point_c);
-    // By the logarithm of the focal length: as far as the pixel is from the principal point.
-    j.col(6) = scaled.Project(point_c) - Vector2d(scaled.cx_px, scaled.cy_px);
+    j.col(6) = ReprojectionByLogFocal(scaled, point_c);
     const double weight = loss.Weight(chi2) / (observation.sigma_px * observation.sigma_px);
     sum.hessian.noalias() += weight * j.transpose() * j;
     sum.gradient.noalias() += weight * j.transpose() * ReprojectionResidual(scaled, point_c, observation.pixel);

@@ -47,6 +47,14 @@ TEST(Reprojection, JacobiansAgreeWithDifferences) {
     const Matrix26d by_pose = ReprojectionByPose(kPinhole, point_c);
     const Matrix23d by_point = ReprojectionByPoint(kPinhole, pose.RotationMatrix(), point_c);
     const double h = 1e-6;
+    const auto with_focal = [&](double log_factor) {
+      Pinhole scaled = kPinhole;
+      scaled.fx_px *= std::exp(log_factor);
+      scaled.fy_px *= std::exp(log_factor);
+      return ReprojectionResidual(scaled, point_c, pixel);
+    };
+    const Vector2d by_focal = (with_focal(h) - with_focal(-h)) / (2 * h);
+    EXPECT_LT((by_focal - ReprojectionByLogFocal(kPinhole, point_c)).norm(), 1e-4 * (1.0 + by_focal.norm()));
     for (int k = 0; k < 6; ++k) {
       const Vector6d x = Vector6d::Unit(k) * h;
       const Vector2d difference = (ReprojectionResidual(kPinhole, (SE3::Exp(x) * pose) * point, pixel) -

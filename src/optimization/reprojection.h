@@ -38,6 +38,11 @@ inline Matrix26d ReprojectionByPose(const Pinhole& pinhole, const Vector3d& poin
   return j;
 }
 
+// Derivative of the residual by the logarithm of both focal lengths: as far as the pixel is from the principal point.
+inline Vector2d ReprojectionByLogFocal(const Pinhole& pinhole, const Vector3d& point_c) {
+  return pinhole.Project(point_c) - Vector2d(pinhole.cx_px, pinhole.cy_px);
+}
+
 // Derivative of the residual by the point in the map frame.
 inline Matrix23d ReprojectionByPoint(const Pinhole& pinhole, const Matrix3d& camera_from_map_rotation,
                                      const Vector3d& point_c) {

@@ -3,17 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "wire/testing_messages.h"
+
 namespace cairn::wire {
 namespace {
-
-const SE3 kPose(Quaterniond(0.5, 0.1, -0.3, 0.7), Vector3d(1.0 / 3.0, -2.0, 1e-9));
-
-template <class Message>
-Message OverTheWire(const Message& message) {
-  Message back;
-  EXPECT_TRUE(back.ParseFromString(message.SerializeAsString()));
-  return back;
-}
 
 TEST(ConvertSessions, RequestsArriveAndNeedAPolicy) {
   api::SessionRequest request;

@@ -5,17 +5,10 @@
 
 #include <limits>
 
+#include "wire/testing_messages.h"
+
 namespace cairn::wire {
 namespace {
-
-const SE3 kPose(Quaterniond(0.5, 0.1, -0.3, 0.7), Vector3d(1.0 / 3.0, -2.0, 1e-9));
-
-template <class Message>
-Message OverTheWire(const Message& message) {
-  Message back;
-  EXPECT_TRUE(back.ParseFromString(message.SerializeAsString()));
-  return back;
-}
 
 TEST(Convert, PosesArriveToTheBit) {
   v1::Pose message;
