@@ -91,6 +91,38 @@ class Localization:
             return {'lost': 100 * (usual['localized_share'] - located['localized_share'])}
         return self.once(f'changed {change}', lambda: median_of_runs(self.runs, one))
 
+    def alike_rooms(self):
+        """Every second image of a room in the map of another one with the same furniture."""
+        def one(seed):
+            first, second = (rendered(self.worlds / f'alike_{100 * seed + place}_1', 'alike', '--seed', 100 * seed + place,
+                                      '--catalogue', seed, '--session', 1, '--duration', 9) for place in (1, 2))
+            map_file = self.path(f'alike_room_{seed}.cairn')
+            cairn('run', first, *self.mode, '--map', map_file, '--overwrite')
+            answer = self.images(second, map_file, '--stride', 2)
+            return answer['localized'], answer['frames']
+
+        def all_seeds():
+            results = [one(seed) for seed in range(1, self.seeds + 1)]
+            return {'answered': sum(r[0] for r in results) / sum(r[1] for r in results)}
+        return self.once('alike rooms', all_seeds)
+
+    def wrong_focal(self, off):
+        """Every third image of a second visit to a rendered room, said to be of a longer lens."""
+        def one():
+            first = rendered(self.worlds / 'office_1', 'office', '--seed', 1)
+            visit = rendered(self.worlds / 'track_office_1_2', 'office', '--seed', 1, '--session', 2, '--duration', 12)
+            map_file, camera = self.path('focal_office.cairn'), self.path(f'focal_{off}.yaml')
+            if not map_file.exists():
+                cairn('run', first, *self.mode, '--map', map_file)
+                cairn('align', map_file, '--groundtruth', first / 'groundtruth_cam0.txt')
+            camera.write_text('model: pinhole\nresolution_px: [640, 480]\n'
+                              f'intrinsics_px: [{420 * off}, {420 * off}, 319.5, 239.5]\ndistortion: []\n')
+            answer = self.images(visit, map_file, '--stride', 3, '--camera', camera)
+            rows = judged(answer, visit / 'groundtruth_cam0.txt')
+            return {'told': sum('focal_factor' in image for image in answer['images']) / max(1, answer['localized']),
+                    'unsure': sum(row[2] > 25 for row in rows) / max(1, len(rows))}
+        return self.once(f'focal {off}', one)
+
     def alike_corridors(self):
         """Images of another visit to a corridor with two sides that are exactly alike, in the map of both."""
         def one(seed):

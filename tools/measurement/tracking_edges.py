@@ -51,7 +51,52 @@ def resized(folder, width):
     return folder
 
 
+def broken_stream(folder, kind):
+    """The query images of redkitchen as a camera gives them that stops its clock: after every 36 images it repeats the last one for
+    a second while the world goes on ('frozen'), jumps a second on ('missing') or 34 images back ('jumping'), and stamps all 1/30 s
+    apart. The folder, and its reference."""
+    source = DATA / 'redkitchen'
+    (folder / 'rgb').mkdir(parents=True)
+    truth = {round(1000 * time): pose for time, pose in read_poses_as_text(REFERENCE)}
+    names = [line.split() for line in open(source / 'rgb.txt') if not line.startswith('#') and float(line.split()[0]) >= FROM_S]
+    shown, at, since = [], 0, 0
+    while at < len(names) and len(shown) < len(names):
+        shown.append(names[at])
+        at, since = at + 1, since + 1
+        if since == 36:
+            since = 0
+            if kind == 'frozen':
+                shown += [shown[-1]] * 30
+            at += {'frozen': 30, 'missing': 30, 'jumping': -34}[kind]
+    images, reference = [], []
+    for i, (time, name) in enumerate(shown):
+        stamp = 1.0 + i / 30
+        (folder / 'rgb' / f'{stamp:.6f}.jpg').symlink_to((source / name).resolve())
+        images.append(f'{stamp:.6f} rgb/{stamp:.6f}.jpg\n')
+        pose = truth.get(round(1000 * float(time)))
+        if pose:
+            reference.append(f'{stamp:.6f} {pose}\n')
+    (folder / 'rgb.txt').write_text(''.join(images))
+    (folder / 'reference.txt').write_text(''.join(reference))
+    return folder, folder / 'reference.txt'
+
+
+def read_poses_as_text(path):
+    for line in open(path):
+        if not line.startswith('#') and line.strip():
+            time, pose = line.strip().split(maxsplit=1)
+            yield float(time), pose
+
+
 class TrackingEdges:
+    def broken(self, kind, *mode):
+        def one():
+            folder, reference = self.once(f'{kind} stream', lambda: broken_stream(self.path(f'{kind}_stream'), kind))
+            name = '_'.join([kind, *(word.strip('-') for word in mode)])
+            answer, rows = self.track(name, folder, self.kitchen_map(0), reference, *KITCHEN, *mode, '--deterministic')
+            return {'wrong': answer['wrong'] / len(rows), 'unsure': sum(row[3] > 25 for row in rows) / len(rows)}
+        return self.once(' '.join([kind, *mode]), one)
+
     def leaving(self):
         """A rendered room of which the first third of a round is mapped, and one and a half rounds are followed."""
         def one(seed):
