@@ -175,6 +175,7 @@ absl::StatusOr<Sighting> MapMatcher::Find(const tracking::MapView& view, const I
   expected.place.component = map.keyframe(found.place.reference_keyframe).component;
   expected.place.median_depth = Median(depths);
   sighting = Match(view, image, expected);
+  if (sighting.misplaced) return sighting;
   if (sighting.found && sighting.inliers >= static_cast<int>(found.place.inliers.size()) / 2) return sighting;
   sighting = {};
   sighting.found = true;

@@ -153,9 +153,10 @@ absl::Status MapWatch::Look(const WatchJob& job, WatchAnswer* answer) {
       expected.reset();
     }
   }
-  const bool anywhere = job.find_anywhere || !expected;
   CAIRN_ASSIGN_OR_RETURN(const ImageFeatures image, matcher_->Extract(view, job.frame.image, true));
   if (expected) answer->sighting = matcher_->Match(view, image, *expected, &cache_);
+  answer->misplaced = answer->sighting.misplaced;
+  const bool anywhere = job.find_anywhere || !expected || answer->misplaced;
   if (!answer->sighting.found && anywhere) {
     CAIRN_ASSIGN_OR_RETURN(answer->sighting, matcher_->Find(view, image));
     answer->anywhere = true;

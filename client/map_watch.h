@@ -36,6 +36,7 @@ struct WatchAnswer {
   std::shared_ptr<const tracking::MapView> view;  // the newest, which the sighting is in
   absl::Status following;                         // what keeps the file from being followed
   bool looked = false;                            // there was an image
+  bool misplaced = false;                         // Sighting::misplaced, where it was expected
   bool anywhere = false;                          // it was found by relocalization
   Sighting sighting;
   direct::Frame frame;  // of the job, ...

@@ -26,6 +26,10 @@ constexpr double kSeedRotationRad = 0.0015;
 constexpr int kFailuresToSearch = 2;
 constexpr double kSearchApartS = 0.5;
 constexpr double kSearchEvery = 0.1;  // or this share of the time since the last match
+// Per axis, of a camera that is not where it was carried to, and was not found: as much as tracking may jump without
+// being lost.
+constexpr double kMisplacedDepthShare = 0.25;
+constexpr double kMisplacedRad = 0.25;
 // A finding in the whole map contradicts what was carried on beyond so many sigmas and this share of the depth, and
 // this angle.
 constexpr double kContradictionSigmas = 4.0;
@@ -101,6 +105,7 @@ class SemiDirectTracker : public FrameTracker {
   TimeNs given_ns_ = 0;            // ... and its time
   TimeNs searched_ns_ = 0;         // of the last one that was looked for in the whole map
   int failures_ = 0;               // matches that failed since the last that did not
+  bool misplaced_ = false;         // the last did, where the map should be seen (Sighting::misplaced)
   std::string failure_;
   LostClock lost_;
 };
@@ -146,6 +151,10 @@ TrackStep SemiDirectTracker::Followed(const direct::FrameResult& result, const S
   const Vector6d pending = (step.map_from_camera.Inverse() * map_from_camera).Log();
   motion.translation = std::hypot(motion.translation, pending.head<3>().norm() / std::sqrt(3.0));
   motion.rotation_rad = std::hypot(motion.rotation_rad, pending.tail<3>().norm() / std::sqrt(3.0));
+  if (misplaced_) {  // covered, or somewhere else: nobody knows
+    motion.translation = std::hypot(motion.translation, kMisplacedDepthShare * anchor_->place.median_depth);
+    motion.rotation_rad = std::hypot(motion.rotation_rad, kMisplacedRad);
+  }
   step.covariance = CovarianceOf(*anchor_, step.map_from_camera, motion, drift_);
   step.state = api::TrackState::kTracked;
   const double age_s = ToSeconds(result.time_ns - anchor_->time_ns);
@@ -241,10 +250,7 @@ absl::Status SemiDirectTracker::Use(const WatchAnswer& answer) {
   if (!answer.sighting.found) {
     ++failures_;
     failure_ = answer.sighting.reason;
-    if (answer.sighting.misplaced) {  // no need to fail more often before it is looked for elsewhere
-      failures_ = std::max(failures_, kFailuresToSearch);
-      searched_ns_ = 0;
-    }
+    misplaced_ = answer.misplaced;
     return absl::OkStatus();
   }
   if (follower_ == nullptr) {
@@ -258,6 +264,11 @@ absl::Status SemiDirectTracker::Use(const WatchAnswer& answer) {
   }
   if (answer.frame.index < begun_index_) return absl::OkStatus();  // of an odometry before
   if (answer.anywhere && Contradicts(answer)) {
+    // The map is not to be seen where the odometry has come to: its motion was none, and it begins anew.
+    if (answer.misplaced) {
+      BeginAt(answer.frame, answer.sighting);
+      return absl::OkStatus();
+    }
     ++failures_;
     failure_ = "found elsewhere in the map, which has to be confirmed";
     searched_ns_ = 0;
@@ -316,6 +327,7 @@ void SemiDirectTracker::SetAnchor(const direct::FrameResult& direct, const Odome
   const std::optional<SE3> corrected = answered ? PoseOf(last_) : std::nullopt;
   pending_ = corrected ? BeyondUsual(corrected->Inverse() * *answered * pending_, anchor_->place.median_depth) : SE3();
   failures_ = 0;
+  misplaced_ = false;
   doubted_.reset();
 }
 
