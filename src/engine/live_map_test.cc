@@ -46,6 +46,7 @@ class FakeStore : public store::MapStore {
   absl::StatusOr<std::string> LoadVocabulary() override { return None(); }
   absl::StatusOr<Revision> ReadRevision() override { return None(); }
   absl::StatusOr<std::optional<map::Delta>> ReadDelta(const map::Snapshot&) override { return None(); }
+  absl::StatusOr<std::optional<map::ChangedRows>> ReadChangedRows(Revision) override { return None(); }
   absl::StatusOr<store::MapSummary> ReadSummary() override { return None(); }
   absl::StatusOr<std::vector<store::LoggedChange>> ReadChanges(const store::ChangeQuery&) override { return None(); }
   absl::StatusOr<std::vector<store::Finding>> Verify() override { return None(); }

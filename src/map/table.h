@@ -86,6 +86,15 @@ class Table {
     if (root_) Walk(*root_, depth_ - 1, visit);
   }
 
+  // Calls visit(const Pointer& here, const Pointer& there) where two tables do not hold the same object, in the order
+  // of ids; null: there is none. What they share is passed over as a whole: of two tables one of which was made from
+  // the other, the cost is in proportion to what was changed.
+  template <class Visit>
+  void ForEachDifference(const Table& other, Visit&& visit) const {
+    const Subtree here{root_.get(), depth_ - 1}, there{other.root_.get(), other.depth_ - 1};
+    WalkDifference(here, there, here.level > there.level ? here.level : there.level, visit);
+  }
+
  private:
   static constexpr int kBits = 5;
   static constexpr std::uint32_t kMask = (1u << kBits) - 1;
@@ -117,6 +126,33 @@ class Table {
     }
     for (const auto& child : node.children) {
       if (child) Walk(*child, level - 1, visit);
+    }
+  }
+
+  // What lies below a node, which may be lower than the place that it is looked at from: then it is its first child's.
+  struct Subtree {
+    const Node* node = nullptr;
+    int level = 0;
+
+    Subtree Child(std::uint32_t i, int from_level) const {
+      if (node == nullptr) return {};
+      if (level < from_level) return i == 0 ? *this : Subtree();
+      return {node->children[i].get(), level - 1};
+    }
+  };
+
+  template <class Visit>
+  static void WalkDifference(const Subtree& here, const Subtree& there, int level, Visit& visit) {
+    if (here.node == there.node) return;
+    static const Pointer none;
+    for (std::uint32_t i = 0; i <= kMask; ++i) {
+      if (level > 0) {
+        WalkDifference(here.Child(i, level), there.Child(i, level), level - 1, visit);
+        continue;
+      }
+      const Pointer& a = here.node != nullptr ? here.node->values[i] : none;
+      const Pointer& b = there.node != nullptr ? there.node->values[i] : none;
+      if (a != b) visit(a, b);
     }
   }
 

@@ -84,6 +84,38 @@ TEST(Table, AgreesWithAMapOverManyEdits) {
     for (const auto& [id, value] : expected) values.push_back(value);
     EXPECT_EQ(Values(version), values);
   }
+  // What any two of them differ in, also those of different depths.
+  versions.insert(versions.begin(), {IntTable(), {}});
+  for (const auto& [before, old_values] : versions) {
+    for (const auto& [after, new_values] : versions) {
+      std::vector<int> expected_put, put;
+      int removed = 0;
+      for (const auto& [id, value] : new_values) {
+        if (!old_values.contains(id) || old_values.at(id) != value) expected_put.push_back(value);
+      }
+      before.ForEachDifference(after, [&](const IntTable::Pointer& was, const IntTable::Pointer& is) {
+        if (is != nullptr) put.push_back(*is);
+        if (is == nullptr && was != nullptr) ++removed;
+      });
+      EXPECT_EQ(put, expected_put);
+      EXPECT_EQ(static_cast<std::ptrdiff_t>(removed),
+                std::ranges::count_if(old_values, [&](const auto& old) { return !new_values.contains(old.first); }));
+    }
+  }
+}
+
+TEST(Table, ADifferenceCostsWhatWasChanged) {
+  IntTable before;
+  const TableEdit made;
+  for (PointId::Value id = 1; id <= 100000; ++id) before.Set(PointId(id), std::make_shared<const int>(1), made);
+  IntTable after = before;
+  after.Set(PointId(77777), std::make_shared<const int>(2), TableEdit());
+  int visits = 0;
+  before.ForEachDifference(after, [&](const auto&, const auto& is) {
+    ++visits;
+    EXPECT_EQ(*is, 2);
+  });
+  EXPECT_EQ(visits, 1);
 }
 
 }  // namespace

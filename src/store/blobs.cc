@@ -131,6 +131,25 @@ absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::in
   return features;
 }
 
+absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole& camera, int num_levels,
+                                std::optional<std::uint32_t> num_words) {
+  // A lens that is corrected moves keypoints beyond the edge of the image, by far less than the image.
+  const auto width = static_cast<float>(camera.width_px);
+  const auto height = static_cast<float>(camera.height_px);
+  const auto within = [](float px, float size) { return px >= -size && px <= 2.0f * size; };
+  for (const image::Keypoint& keypoint : features.features.keypoints) {
+    if (keypoint.octave >= num_levels) return "keypoints: an octave is out of range";
+    if (!within(keypoint.x_px, width) || !within(keypoint.y_px, height))
+      return "keypoints: one is outside of the image";
+    if (!(std::abs(keypoint.angle_rad) <= 7.0f)) return "keypoints: an angle is out of range";
+  }
+  if (!num_words) return {};
+  for (const std::uint32_t word : features.words) {
+    if (word >= *num_words) return "words: the vocabulary has none of that number";
+  }
+  return {};
+}
+
 std::string PackPointIds(const std::vector<PointId>& ids) {
   std::string out;
   out.reserve(2 * ids.size());

@@ -3,9 +3,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "absl/strings/string_view.h"
 #include "base/ids.h"
 #include "base/status.h"
 #include "image/feature.h"
@@ -35,6 +37,11 @@ PackedFeatures PackFeatures(const map::KeyframeFeatures& features);
 // DataLoss (without a fault: the caller knows which row) if lengths and values do not fit.
 absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::int64_t layout, std::int64_t word_bytes,
                                                      Bytes keypoints, Bytes descriptors, Bytes words);
+
+// What is wrong with values that are read by number or cast to one later; empty if nothing. `camera`: of the
+// undistorted image; `num_words`: of the vocabulary, if that is known.
+absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole& camera, int num_levels,
+                                std::optional<std::uint32_t> num_words);
 
 // Per feature one varint: 0 for none, else 1 + zigzag(id - id of the last feature that had one).
 std::string PackPointIds(const std::vector<PointId>& ids);

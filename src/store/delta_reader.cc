@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <utility>
 
-#include "map/viewing.h"
-#include "store/blobs.h"
+#include "map/point_completion.h"
 #include "store/fault.h"
+#include "store/touched_rows.h"
 
 namespace cairn::store {
 namespace {
@@ -74,29 +74,9 @@ absl::Status DeltaReader::ReadReason() {
   }
 }
 
-absl::StatusOr<std::vector<std::uint32_t>> DeltaReader::Touched(const TableSpec& table, std::uint32_t next) {
-  std::vector<std::uint32_t> ids;
-  CAIRN_ASSIGN_OR_RETURN(
-      Statement rows,
-      database_->Prepare("SELECT revision, ids_checksum, ids FROM touched WHERE revision > ? AND kind = ?"));
-  rows.Bind(1, static_cast<std::int64_t>(delta_.base));
-  rows.Bind(2, table.name);
-  while (true) {
-    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
-    if (!found) break;
-    const Bytes packed = rows.Blob(2);
-    if (rows.Int(1) != BlobChecksum(packed)) return Damaged(kTouchedTable, rows.Int(0), "ids: wrong checksum");
-    const absl::Status status = UnpackIdRuns(packed, next, &ids);
-    if (!status.ok()) return Damaged(kTouchedTable, rows.Int(0), status.message());
-  }
-  std::sort(ids.begin(), ids.end());
-  ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
-  return ids;
-}
-
 template <class Value, class Take, class Removed>
 absl::Status DeltaReader::ForTouched(const TableSpec& table, std::uint32_t next, Take take, Removed removed) {
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<std::uint32_t> ids, Touched(table, next));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<std::uint32_t> ids, ReadTouched(database_, table, delta_.base, next));
   CAIRN_ASSIGN_OR_RETURN(Statement select, database_->Prepare(table.SelectSql("WHERE id = ?")));
   for (const std::uint32_t id : ids) {
     Value value;
@@ -186,12 +166,10 @@ absl::Status DeltaReader::ReadKeyframes() {
         CAIRN_RETURN_IF_ERROR(ReadFeatures(keyframe.get(), before));
         CAIRN_RETURN_IF_ERROR(ReadPointIds(keyframe.get(), before));
         CAIRN_RETURN_IF_ERROR(ReadLinks(keyframe.get()));
-        delta_.keyframes.push_back(keyframe);
-        changed_.emplace(keyframe->id, std::move(keyframe));
+        delta_.keyframes.push_back(std::move(keyframe));
         return absl::OkStatus();
       },
       [&](std::uint32_t id) {
-        gone_.insert(KeyframeId(id));
         if (base_.keyframes().Contains(KeyframeId(id))) delta_.removed_keyframes.push_back(KeyframeId(id));
       });
 }
@@ -261,96 +239,24 @@ absl::Status DeltaReader::ReadLinks(map::Keyframe* keyframe) {
 }
 
 absl::Status DeltaReader::ReadPoints() {
-  std::vector<PointRow> rows;
-  std::vector<std::uint32_t> ids;
+  std::vector<std::shared_ptr<map::MapPoint>> points;
   CAIRN_RETURN_IF_ERROR(ForTouched<PointRow>(
       kPointsTable, map_row_.next_point.value(),
       [&](const PointRow& row) {
-        rows.push_back(row);
+        points.push_back(std::make_shared<map::MapPoint>());
+        map::MapPoint& point = *points.back();
+        point.id = row.id;
+        point.position = row.position;
+        point.times_visible = row.times_visible;
+        point.times_found = row.times_found;
+        point.reference.keyframe = row.reference_keyframe;
         return absl::OkStatus();
       },
       [&](std::uint32_t id) {
         if (base_.points().Contains(PointId(id))) delta_.removed_points.push_back(PointId(id));
       }));
-  std::vector<std::shared_ptr<map::MapPoint>> points;
-  points.reserve(rows.size());
-  observations_.reserve(rows.size());
-  for (const PointRow& row : rows) {
-    points.push_back(std::make_shared<map::MapPoint>());
-    map::MapPoint& point = *points.back();
-    point.id = row.id;
-    point.position = row.position;
-    point.times_visible = row.times_visible;
-    point.times_found = row.times_found;
-    point.reference.keyframe = row.reference_keyframe;
-    // Keyframes that are as they were observe what they did.
-    std::vector<map::Observation>& seen = observations_[row.id];
-    const map::MapPoint* before = base_.points().Find(row.id);
-    if (before == nullptr) continue;
-    for (const map::Observation& observation : before->observations) {
-      if (!changed_.contains(observation.keyframe) && !gone_.contains(observation.keyframe)) {
-        seen.push_back(observation);
-      }
-    }
-  }
-  for (const auto& keyframe : delta_.keyframes) {
-    for (std::uint32_t i = 0; i < keyframe->points.size(); ++i) {
-      if (!keyframe->points[i]) continue;
-      const auto touched = observations_.find(keyframe->points[i]);
-      if (touched != observations_.end()) touched->second.push_back({keyframe->id, i});
-    }
-  }
-  for (const auto& point : points) {
-    CAIRN_RETURN_IF_ERROR(Derive(point.get()));
-    delta_.points.push_back(point);
-  }
-  return absl::OkStatus();
-}
-
-absl::Status DeltaReader::Derive(map::MapPoint* point) {
-  point->observations = std::move(observations_[point->id]);
-  std::sort(point->observations.begin(), point->observations.end());
-  seen_from_.clear();
-  const map::Keyframe* reference = nullptr;
-  for (const map::Observation& observation : point->observations) {
-    const map::Keyframe* keyframe = FindKeyframe(observation.keyframe);
-    if (keyframe == nullptr || observation.feature >= keyframe->points.size()) {
-      return Damaged(kPointsTable, point->id.value(), "a keyframe that observes the point is missing");
-    }
-    seen_from_.push_back(CenterOf(observation.keyframe));
-    if (observation.keyframe != point->reference.keyframe) continue;
-    point->reference = observation;
-    reference = keyframe;
-  }
-  if (reference == nullptr) {
-    return Damaged(kPointsTable, point->id.value(), "the reference keyframe does not observe the point");
-  }
-  point->descriptor = reference->descriptors()[point->reference.feature];
-  map::SetViewing(map::ComputeViewing(point->position, seen_from_, CenterOf(reference->id),
-                                      reference->keypoints()[point->reference.feature].octave,
-                                      FocalOf(reference->camera), map_row_.info.orb),
-                  point);
-  return absl::OkStatus();
-}
-
-const map::Keyframe* DeltaReader::FindKeyframe(KeyframeId id) const {
-  const auto changed = changed_.find(id);
-  if (changed != changed_.end()) return changed->second.get();
-  return gone_.contains(id) ? nullptr : base_.keyframes().Find(id);
-}
-
-Vector3d DeltaReader::CenterOf(KeyframeId id) {
-  const auto [at, is_new] = centers_.try_emplace(id);
-  if (is_new) at->second = FindKeyframe(id)->CenterInMap();
-  return at->second;
-}
-
-double DeltaReader::FocalOf(CameraId id) const {
-  for (const map::MapCamera& camera : delta_.cameras) {
-    if (camera.id == id) return camera.pinhole.fx_px;
-  }
-  const auto known = base_.cameras().find(id);
-  return known == base_.cameras().end() ? 1.0 : known->second.pinhole.fx_px;
+  const absl::Status completed = map::CompletePoints(base_, map_row_.info.orb, points, &delta_);
+  return completed.ok() ? completed : Damaged(kPointsTable, 0, completed.message());
 }
 
 }  // namespace cairn::store

@@ -4,9 +4,6 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <unordered_map>
-#include <unordered_set>
-#include <vector>
 
 #include "base/status.h"
 #include "map/snapshot.h"
@@ -25,8 +22,6 @@ class DeltaReader {
   absl::StatusOr<std::optional<map::Delta>> Read();
 
  private:
-  // Ascending ids of a kind that were put or removed since `base`; all below `next`.
-  absl::StatusOr<std::vector<std::uint32_t>> Touched(const TableSpec& table, std::uint32_t next);
   // Calls take(value) for each touched id that has a row, removed(id) for the others.
   template <class Value, class Take, class Removed>
   absl::Status ForTouched(const TableSpec& table, std::uint32_t next, Take take, Removed removed);
@@ -39,23 +34,12 @@ class DeltaReader {
   absl::Status ReadPointIds(map::Keyframe* keyframe, const map::Keyframe* before);
   absl::Status ReadLinks(map::Keyframe* keyframe);
   absl::Status ReadPoints();
-  // What of a point depends on the keyframes that observe it.
-  absl::Status Derive(map::MapPoint* point);
-
-  const map::Keyframe* FindKeyframe(KeyframeId id) const;
-  Vector3d CenterOf(KeyframeId id);
-  double FocalOf(CameraId id) const;
 
   Database* database_;
   const map::Snapshot& base_;
   MapRow map_row_;
   map::Delta delta_;
   std::optional<std::uint32_t> num_words_;
-  std::unordered_map<KeyframeId, std::shared_ptr<map::Keyframe>> changed_;  // put since `base` ...
-  std::unordered_set<KeyframeId> gone_;                                     // ... and removed
-  std::unordered_map<PointId, std::vector<map::Observation>> observations_;
-  std::unordered_map<KeyframeId, Vector3d> centers_;
-  std::vector<Vector3d> seen_from_;
   Statement select_features_, select_point_ids_, select_edges_, select_children_;
 };
 

@@ -20,26 +20,6 @@ std::string Describe(const Finding& finding) {
   return absl::StrCat("table ", finding.table, " row ", finding.id, ": ", finding.message);
 }
 
-// What is wrong with values that are read by number or cast to one later; empty if nothing.
-absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole& camera, int num_levels,
-                                std::optional<std::uint32_t> num_words) {
-  // A lens that is corrected moves keypoints beyond the edge of the image, by far less than the image.
-  const auto width = static_cast<float>(camera.width_px);
-  const auto height = static_cast<float>(camera.height_px);
-  const auto within = [](float px, float size) { return px >= -size && px <= 2.0f * size; };
-  for (const image::Keypoint& keypoint : features.features.keypoints) {
-    if (keypoint.octave >= num_levels) return "keypoints: an octave is out of range";
-    if (!within(keypoint.x_px, width) || !within(keypoint.y_px, height))
-      return "keypoints: one is outside of the image";
-    if (!(std::abs(keypoint.angle_rad) <= 7.0f)) return "keypoints: an angle is out of range";
-  }
-  if (!num_words) return {};
-  for (const std::uint32_t word : features.words) {
-    if (word >= *num_words) return "words: the vocabulary has none of that number";
-  }
-  return {};
-}
-
 }  // namespace
 
 absl::Status DamagedBy(const Finding& finding) {

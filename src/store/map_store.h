@@ -15,6 +15,7 @@
 
 #include "absl/strings/string_view.h"
 #include "base/status.h"
+#include "map/changed_rows.h"
 #include "map/delta.h"
 #include "map/snapshot.h"
 #include "store/fault.h"
@@ -138,6 +139,9 @@ class MapStore {
   // `num_changes` 0 if nothing has happened. Nothing if `base` is too old (kMaxDeltaRevisions), not of this map, or the
   // map is of a format before 4: load it anew. Errors as of LoadSnapshot.
   virtual absl::StatusOr<std::optional<map::Delta>> ReadDelta(const map::Snapshot& base) = 0;
+  // Which rows changed since a revision of this map, for who has the newest one in memory and knows of somebody with
+  // the older one. Nothing as of ReadDelta().
+  virtual absl::StatusOr<std::optional<map::ChangedRows>> ReadChangedRows(Revision since) = 0;
   virtual absl::StatusOr<MapSummary> ReadSummary() = 0;
   // The newest first.
   virtual absl::StatusOr<std::vector<LoggedChange>> ReadChanges(const ChangeQuery& query = {}) = 0;

@@ -154,6 +154,11 @@ absl::StatusOr<std::optional<map::Delta>> NewSqliteMap::ReadDelta(const map::Sna
   return file_->ReadDelta(base);
 }
 
+absl::StatusOr<std::optional<map::ChangedRows>> NewSqliteMap::ReadChangedRows(Revision since) {
+  CAIRN_RETURN_IF_ERROR(RequireFile());
+  return file_->ReadChangedRows(since);
+}
+
 absl::StatusOr<MapSummary> NewSqliteMap::ReadSummary() {
   CAIRN_RETURN_IF_ERROR(RequireFile());
   return file_->ReadSummary();

@@ -27,6 +27,7 @@ class NewSqliteMap : public MapStore {
   absl::StatusOr<std::string> LoadVocabulary() override;
   absl::StatusOr<Revision> ReadRevision() override;
   absl::StatusOr<std::optional<map::Delta>> ReadDelta(const map::Snapshot& base) override;
+  absl::StatusOr<std::optional<map::ChangedRows>> ReadChangedRows(Revision since) override;
   absl::StatusOr<MapSummary> ReadSummary() override;
   absl::StatusOr<std::vector<LoggedChange>> ReadChanges(const ChangeQuery& query = {}) override;
   absl::StatusOr<std::vector<Finding>> Verify() override;

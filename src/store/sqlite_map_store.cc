@@ -16,6 +16,7 @@
 #include "store/map_reader.h"
 #include "store/migrations.h"
 #include "store/sqlite.h"
+#include "store/touched_rows.h"
 #include "store/write_ahead_log.h"
 #include "store/writer_lock.h"
 
@@ -297,6 +298,19 @@ absl::StatusOr<std::optional<map::Delta>> SqliteMapStore::ReadDelta(const map::S
     CAIRN_ASSIGN_OR_RETURN(auto delta, DeltaReader(database_.get(), base).Read());
     CAIRN_RETURN_IF_ERROR(CheckUnchanged());
     return delta;
+  }();
+  if (!read.ok()) return Annotated(read.status());
+  return read;
+}
+
+absl::StatusOr<std::optional<map::ChangedRows>> SqliteMapStore::ReadChangedRows(Revision since) {
+  CAIRN_RETURN_IF_ERROR(CheckStillThere());
+  auto read = [&]() -> absl::StatusOr<std::optional<map::ChangedRows>> {
+    CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
+                           Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+    CAIRN_ASSIGN_OR_RETURN(auto rows, store::ReadChangedRows(database_.get(), since));
+    CAIRN_RETURN_IF_ERROR(CheckUnchanged());
+    return rows;
   }();
   if (!read.ok()) return Annotated(read.status());
   return read;

@@ -2,44 +2,6 @@
 #include "wire/session_names.h"
 
 namespace cairn::wire {
-namespace {
-
-void WriteSession(const map::Session& session, v1::SessionInfo* out) {
-  out->set_id(session.id.value());
-  out->set_camera(session.camera.value());
-  out->set_source(session.source);
-  out->set_software_version(session.software_version);
-  out->set_first_ns(session.first_ns);
-  out->set_last_ns(session.last_ns);
-  out->set_started_unix_ns(session.started_unix_ns);
-  out->set_ended_unix_ns(session.ended_unix_ns);
-  out->set_complete(session.complete);
-  out->set_removed(session.removed);
-  out->set_policy(Write(session.policy));
-  out->set_result(Write(session.result));
-  for (const ComponentId component : session.components) out->add_components(component.value());
-}
-
-map::Session ReadSession(const v1::SessionInfo& message) {
-  map::Session session;
-  session.id = SessionId(message.id());
-  session.camera = CameraId(message.camera());
-  session.source = message.source();
-  session.software_version = message.software_version();
-  session.first_ns = message.first_ns();
-  session.last_ns = message.last_ns();
-  session.started_unix_ns = message.started_unix_ns();
-  session.ended_unix_ns = message.ended_unix_ns();
-  session.complete = message.complete();
-  session.removed = message.removed();
-  session.policy =
-      message.policy() == v1::SessionInfo::POLICY_EXTEND ? map::SessionPolicy::kExtend : map::SessionPolicy::kCreate;
-  session.result = ReadResult(message.result());
-  for (const std::uint32_t component : message.components()) session.components.emplace_back(component);
-  return session;
-}
-
-}  // namespace
 
 void ToProto(const api::MapSummary& summary, v1::MapSummary* out) {
   out->set_name(summary.name);
@@ -94,7 +56,7 @@ void ToProto(const api::MapDescription& description, v1::DescribeMapResponse* ou
     if (component.world_from_component) ToProto(*component.world_from_component, info->mutable_world_from_component());
     info->set_joined_into(component.joined_into.value());
   }
-  for (const map::Session& session : description.sessions) WriteSession(session, out->add_sessions());
+  for (const map::Session& session : description.sessions) Write(session, out->add_sessions());
 }
 
 absl::StatusOr<api::MapDescription> FromProto(const v1::DescribeMapResponse& message) {
@@ -119,7 +81,7 @@ absl::StatusOr<api::MapDescription> FromProto(const v1::DescribeMapResponse& mes
     component.joined_into = ComponentId(info.joined_into());
     description.components.push_back(component);
   }
-  for (const v1::SessionInfo& session : message.sessions()) description.sessions.push_back(ReadSession(session));
+  for (const v1::SessionInfo& session : message.sessions()) description.sessions.push_back(Read(session));
   return description;
 }
 

@@ -33,4 +33,39 @@ map::SessionResult ReadResult(v1::SessionInfo::Result result) {
   }
 }
 
+void Write(const map::Session& session, v1::SessionInfo* out) {
+  out->set_id(session.id.value());
+  out->set_camera(session.camera.value());
+  out->set_source(session.source);
+  out->set_software_version(session.software_version);
+  out->set_first_ns(session.first_ns);
+  out->set_last_ns(session.last_ns);
+  out->set_started_unix_ns(session.started_unix_ns);
+  out->set_ended_unix_ns(session.ended_unix_ns);
+  out->set_complete(session.complete);
+  out->set_removed(session.removed);
+  out->set_policy(Write(session.policy));
+  out->set_result(Write(session.result));
+  for (const ComponentId component : session.components) out->add_components(component.value());
+}
+
+map::Session Read(const v1::SessionInfo& message) {
+  map::Session session;
+  session.id = SessionId(message.id());
+  session.camera = CameraId(message.camera());
+  session.source = message.source();
+  session.software_version = message.software_version();
+  session.first_ns = message.first_ns();
+  session.last_ns = message.last_ns();
+  session.started_unix_ns = message.started_unix_ns();
+  session.ended_unix_ns = message.ended_unix_ns();
+  session.complete = message.complete();
+  session.removed = message.removed();
+  session.policy =
+      message.policy() == v1::SessionInfo::POLICY_EXTEND ? map::SessionPolicy::kExtend : map::SessionPolicy::kCreate;
+  session.result = ReadResult(message.result());
+  for (const std::uint32_t component : message.components()) session.components.emplace_back(component);
+  return session;
+}
+
 }  // namespace cairn::wire

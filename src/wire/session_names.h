@@ -1,4 +1,4 @@
-// How sessions are named in messages.
+// Sessions in messages, and how their kinds are named there.
 #pragma once
 
 #include <cairn/v1/maps.pb.h>
@@ -10,5 +10,9 @@ namespace cairn::wire {
 v1::SessionInfo::Policy Write(map::SessionPolicy policy);
 v1::SessionInfo::Result Write(map::SessionResult result);
 map::SessionResult ReadResult(v1::SessionInfo::Result result);
+
+// All but loops, settings and the reported trajectory.
+void Write(const map::Session& session, v1::SessionInfo* out);
+map::Session Read(const v1::SessionInfo& message);
 
 }  // namespace cairn::wire
