@@ -4,6 +4,7 @@
 #include <optional>
 #include <utility>
 
+#include "health/map_vocabulary.h"
 #include "place/vocabulary.h"
 
 namespace cairn::client {
@@ -14,15 +15,12 @@ class MapReader::File {
   static absl::StatusOr<std::shared_ptr<File>> Open(const std::string& path) {
     auto opened = std::make_shared<File>();
     CAIRN_ASSIGN_OR_RETURN(opened->file_, store::OpenMapStore(path, store::OpenMode::kRead));
-    const absl::StatusOr<std::string> bytes = opened->file_->LoadVocabulary();
-    if (absl::IsNotFound(bytes.status())) {
+    CAIRN_ASSIGN_OR_RETURN(health::MapVocabulary vocabulary, health::LoadVocabulary(*opened->file_));
+    if (vocabulary.words == nullptr) {
       return absl::FailedPreconditionError(
           absl::StrCat(path, ": the map has no vocabulary, so that no place can be found in it"));
     }
-    CAIRN_RETURN_IF_ERROR(bytes.status());
-    absl::StatusOr<place::Vocabulary> vocabulary = place::Vocabulary::Parse(*bytes);
-    CAIRN_RETURN_IF_ERROR(Annotate(vocabulary.status(), absl::StrCat(path, ": vocabulary")));
-    opened->vocabulary_ = std::make_shared<const place::Vocabulary>(*std::move(vocabulary));
+    opened->vocabulary_ = std::move(vocabulary.words);
     const std::lock_guard lock(opened->mutex_);
     CAIRN_RETURN_IF_ERROR(opened->Load());
     return opened;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "health/map_vocabulary.h"
 
 namespace cairn::engine {
 
@@ -18,16 +19,10 @@ absl::StatusOr<std::unique_ptr<LiveMap>> LiveMap::Create(const std::string& uri,
 absl::StatusOr<std::unique_ptr<LiveMap>> LiveMap::Open(const std::string& uri, const store::WriteOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(auto store, store::OpenMapStore(uri, store::OpenMode::kWrite, options));
   CAIRN_ASSIGN_OR_RETURN(auto map, store->LoadSnapshot());
-  std::shared_ptr<const place::Vocabulary> vocabulary;
-  const absl::StatusOr<std::string> bytes = store->LoadVocabulary();
-  if (bytes.ok()) {
-    absl::StatusOr<place::Vocabulary> parsed = place::Vocabulary::Parse(*bytes);
-    CAIRN_RETURN_IF_ERROR(Annotate(parsed.status(), absl::StrCat(uri, ": vocabulary")));
-    vocabulary = std::make_shared<const place::Vocabulary>(*std::move(parsed));
-  } else if (!absl::IsNotFound(bytes.status())) {
-    return bytes.status();
-  }
-  return Over(std::move(store), std::move(map), std::move(vocabulary));
+  CAIRN_ASSIGN_OR_RETURN(health::MapVocabulary vocabulary, health::LoadVocabulary(*store));
+  CAIRN_ASSIGN_OR_RETURN(auto live, Over(std::move(store), std::move(map), std::move(vocabulary.words)));
+  if (!vocabulary.note.empty()) live->notes_.push_back(std::move(vocabulary.note));
+  return live;
 }
 
 absl::StatusOr<std::unique_ptr<LiveMap>> LiveMap::Over(std::unique_ptr<store::MapStore> store,
@@ -39,7 +34,11 @@ absl::StatusOr<std::unique_ptr<LiveMap>> LiveMap::Over(std::unique_ptr<store::Ma
 }
 
 LiveMap::LiveMap(std::unique_ptr<store::MapStore> store, std::shared_ptr<const tracking::MapView> view)
-    : store_(std::move(store)), head_(view), published_(std::move(view)), exists_(store_->exists()) {}
+    : store_(std::move(store)),
+      notes_(store_->notes()),
+      head_(view),
+      published_(std::move(view)),
+      exists_(store_->exists()) {}
 
 LiveMap::~LiveMap() {
   StopThread();

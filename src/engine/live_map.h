@@ -112,7 +112,7 @@ class LiveMap {
   bool exists() const;
   const std::string& uri() const { return store_->uri(); }
   // What a user should be told of opening the map.
-  const std::vector<std::string>& notes() const { return store_->notes(); }
+  const std::vector<std::string>& notes() const { return notes_; }
 
  private:
   struct Pending {
@@ -128,6 +128,7 @@ class LiveMap {
   void StopThread();
 
   const std::unique_ptr<store::MapStore> store_;  // used under edit_mutex_ or by thread_
+  std::vector<std::string> notes_;
 
   std::mutex edit_mutex_;  // held by an Editor; guards what follows
   std::shared_ptr<const tracking::MapView> head_;

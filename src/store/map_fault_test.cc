@@ -107,7 +107,9 @@ TEST(MapFaults, NewerVersion) {
   const TempFolder folder;
   const std::string path = folder.File("a.cairn");
   MakeMap(path, 1, 2);
-  ASSERT_TRUE((*Database::OpenFile(path, Database::Mode::kReadWrite))->Execute("PRAGMA user_version = 7").ok());
+  ASSERT_TRUE((*Database::OpenFile(path, Database::Mode::kReadWrite))
+                  ->Execute("PRAGMA user_version = 7; ALTER TABLE points ADD COLUMN of_the_future")
+                  .ok());
   for (const absl::Status& status :
        {SqliteMapStore::OpenReadOnly(path).status(), SqliteMapStore::Open(path).status()}) {
     EXPECT_TRUE(IsNewerVersion(status)) << status;
@@ -241,6 +243,38 @@ TEST(MapFaults, FlippedBytesAreFoundOrHarmless) {
   }
   std::printf("%d of %d damages found, the others harmless\n", found, found + harmless);
   EXPECT_GT(found, harmless);
+}
+
+TEST(MapFaults, FlippedBitsOfTheHeaderAreFoundOrHarmless) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn"), broken = folder.File("b.cairn");
+  const Bits good(*MakeMap(path, 3, 4));
+  const std::string bytes = ReadBytes(path);
+  constexpr std::size_t kHeaderBytes = 100, kMagicBytes = 16;
+  for (std::size_t bit = 0; bit < kHeaderBytes * 8; bit += 3) {
+    std::string damaged = bytes;
+    damaged[bit / 8] = static_cast<char>(static_cast<unsigned>(damaged[bit / 8]) ^ 1u << bit % 8);
+    WriteBytes(broken, damaged);
+    const Reading reading = ReadAll(broken, good);
+    // Nobody is told to update Cairn, or that it is no map, for one bit.
+    if (!reading.status.ok() && bit / 8 >= kMagicBytes) {
+      EXPECT_TRUE(IsDamaged(reading.status)) << bit << reading.status;
+    }
+    for (const char* suffix : {"-wal", "-shm"}) unlink((broken + suffix).c_str());
+  }
+}
+
+TEST(MapFaults, AHeaderThatSaysALowerFormatIsFound) {
+  const TempFolder folder;
+  for (int format = 1; format <= 3; ++format) {
+    const std::string path = folder.File("a" + std::to_string(format) + ".cairn");
+    MakeMap(path, 3, 4);
+    ASSERT_TRUE((*Database::OpenFile(path, Database::Mode::kReadWrite))
+                    ->Execute("PRAGMA user_version = " + std::to_string(format))
+                    .ok());
+    EXPECT_TRUE(IsDamaged(SqliteMapStore::OpenReadOnly(path).status())) << format;
+    EXPECT_TRUE(IsDamaged(SqliteMapStore::Open(path).status())) << format;
+  }
 }
 
 TEST(MapFaults, TruncatedFilesAreDamaged) {

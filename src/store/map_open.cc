@@ -18,6 +18,50 @@
 #include "store/writer_lock.h"
 
 namespace cairn::store {
+namespace {
+
+using Objects = std::map<std::string, std::string>;  // SQL by name
+
+absl::StatusOr<Objects> ReadObjects(Database* database, bool views) {
+  Objects objects;
+  CAIRN_ASSIGN_OR_RETURN(Statement rows, database->Prepare(absl::StrCat(
+                                             "SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL AND type IN (",
+                                             views ? "'view'" : "'table', 'index'", ") ORDER BY name")));
+  while (true) {
+    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+    if (!found) return objects;
+    objects.emplace(rows.Text(0), rows.Text(1));
+  }
+}
+
+// What the migrations up to a format make.
+absl::StatusOr<Objects> ObjectsOfFormat(std::int64_t format, bool views) {
+  CAIRN_ASSIGN_OR_RETURN(const auto pristine, Database::OpenFile("", Database::Mode::kMemory));
+  const auto migrations = BuiltInMigrations();
+  const auto known = static_cast<std::int64_t>(migrations.size());
+  const auto applied = static_cast<std::size_t>(std::clamp<std::int64_t>(format, 0, known));
+  CAIRN_RETURN_IF_ERROR(Migrate(pristine.get(), migrations.first(applied)));
+  return ReadObjects(pristine.get(), views);
+}
+
+// The format whose tables and indexes the file has, whatever its header says; 0: of none.
+std::int64_t FormatOfTables(Database* database) {
+  const absl::StatusOr<Objects> actual = ReadObjects(database, /*views=*/false);
+  if (!actual.ok()) return 0;
+  for (std::int64_t format = SupportedFormatVersion(); format > 0; --format) {
+    const absl::StatusOr<Objects> expected = ObjectsOfFormat(format, /*views=*/false);
+    if (expected.ok() && std::ranges::includes(*actual, *expected)) return format;
+  }
+  return 0;
+}
+
+absl::Status WrongHeader(std::int64_t format, absl::string_view what) {
+  return MakeFault(Fault::kDamaged, absl::StrCat("the file is damaged: its tables are those of a Cairn map of format ",
+                                                 format, ", but its header ", what));
+}
+
+}  // namespace
+
 absl::Status CheckIdentity(Database* database) {
   constexpr absl::string_view kMagic("SQLite format 3\0", 16);
   constexpr std::size_t kApplicationIdAt = 68;
@@ -31,46 +75,39 @@ absl::Status CheckIdentity(Database* database) {
     return MakeFault(Fault::kNotAMap, "it is not a Cairn map (nor any SQLite database)");
   }
   if (application_id != kApplicationId) {
+    if (const std::int64_t format = FormatOfTables(database)) return WrongHeader(format, "names another program");
     return MakeFault(Fault::kNotAMap, "it is an SQLite database, but not a Cairn map");
   }
   CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database->QueryInt("PRAGMA user_version"));
+  if (version >= 1 && version <= SupportedFormatVersion()) return absl::OkStatus();
+  if (const std::int64_t format = FormatOfTables(database)) {
+    return WrongHeader(format, absl::StrCat("says format ", version));
+  }
   if (version < 1)
     return MakeFault(Fault::kDamaged, absl::StrCat("the file is damaged: its format version is ", version));
-  if (version > SupportedFormatVersion()) {
-    return MakeFault(Fault::kNewerVersion, absl::StrCat("it was written by a newer Cairn: map format ", version,
-                                                        ", and this software knows formats up to ",
-                                                        SupportedFormatVersion(), "; update Cairn"));
-  }
-  return absl::OkStatus();
+  return MakeFault(Fault::kNewerVersion, absl::StrCat("it was written by a newer Cairn: map format ", version,
+                                                      ", and this software knows formats up to ",
+                                                      SupportedFormatVersion(), "; update Cairn"));
 }
 
 absl::Status CheckSchema(Database* database, bool views, const FindingSink& sink) {
-  const std::string sql = absl::StrCat("SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL AND type IN (",
-                                       views ? "'view'" : "'table', 'index'", ") ORDER BY name");
-  using Objects = std::map<std::string, std::string>;
-  const auto read = [&sql](Database* from) -> absl::StatusOr<Objects> {
-    Objects objects;
-    CAIRN_ASSIGN_OR_RETURN(Statement rows, from->Prepare(sql));
-    while (true) {
-      CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
-      if (!found) return objects;
-      objects.emplace(rows.Text(0), rows.Text(1));
-    }
-  };
-  CAIRN_ASSIGN_OR_RETURN(const auto pristine, Database::OpenFile("", Database::Mode::kMemory));
   // Of the format that the file has: older ones are read as they are.
   CAIRN_ASSIGN_OR_RETURN(const std::int64_t version, database->QueryInt("PRAGMA user_version"));
-  const auto migrations = BuiltInMigrations();
-  const auto applied =
-      std::min<std::size_t>(static_cast<std::size_t>(std::max<std::int64_t>(0, version)), migrations.size());
-  CAIRN_RETURN_IF_ERROR(Migrate(pristine.get(), migrations.first(applied)));
-  CAIRN_ASSIGN_OR_RETURN(const Objects expected, read(pristine.get()));
-  CAIRN_ASSIGN_OR_RETURN(const Objects actual, read(database));
+  CAIRN_ASSIGN_OR_RETURN(const Objects expected, ObjectsOfFormat(version, views));
+  CAIRN_ASSIGN_OR_RETURN(const Objects actual, ReadObjects(database, views));
   for (const auto& [name, text] : expected) {
     const auto found = actual.find(name);
     if (found != actual.end() && found->second == text) continue;
     CAIRN_RETURN_IF_ERROR(
         sink(Finding{name, 0, found == actual.end() ? "is missing" : "is not defined as it should be"}));
+  }
+  if (version >= SupportedFormatVersion()) return absl::OkStatus();
+  // A header that says too low a format would leave out, without a word, what later ones added.
+  CAIRN_ASSIGN_OR_RETURN(const Objects newest, ObjectsOfFormat(SupportedFormatVersion(), views));
+  for (const auto& [name, text] : newest) {
+    if (expected.contains(name) || !actual.contains(name)) continue;
+    CAIRN_RETURN_IF_ERROR(sink(Finding{
+        name, 0, absl::StrCat("is of a later format than ", version, ", which the file's header says it has")}));
   }
   return absl::OkStatus();
 }

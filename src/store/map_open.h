@@ -13,10 +13,12 @@
 
 namespace cairn::store {
 
-// Whether this is a Cairn map of a format that this software knows, by the file's header and SQLite's user_version.
+// Whether this is a Cairn map of a format that this software knows, by the file's header and SQLite's user_version. A
+// header that contradicts the tables is damage.
 absl::Status CheckIdentity(Database* database);
 
-// Compares tables and indexes (and with `views`, views) with what the migrations make. Further ones are no harm.
+// Compares tables and indexes (or with `views`, views) with what the migrations make. Further ones are no harm, but for
+// those of a later format than the header says.
 absl::Status CheckSchema(Database* database, bool views, const FindingSink& sink);
 
 // For reading, in the way that the file, its folder and a writer at work allow. `immutable_stamp` gets FileStamp() if

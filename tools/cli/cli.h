@@ -27,6 +27,7 @@ void AddInfoCommand(CLI::App& app, Action* action);
 void AddLsCommand(CLI::App& app, Action* action);
 void AddAlignCommand(CLI::App& app, Action* action);
 void AddLogCommand(CLI::App& app, Action* action);
+void AddVerifyCommand(CLI::App& app, Action* action);
 void AddEvalCommand(CLI::App& app, Action* action);
 void AddBenchCommand(CLI::App& app, Action* action);
 void AddVocabCommand(CLI::App& app, Action* action);

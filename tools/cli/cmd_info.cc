@@ -11,6 +11,7 @@
 #include "cli/server_option.h"
 #include "cli/session_report.h"
 #include "cli/unix_time.h"
+#include "health/map_vocabulary.h"
 #include "store/map_store.h"
 #include "store/writer_lock.h"
 
@@ -156,13 +157,8 @@ absl::Status Info(const InfoOptions& options) {
                          store::OpenMapStore(options.map, store::OpenMode::kRead));
   for (const std::string& note : file->notes()) std::cerr << "cairn info: " << note << "\n";
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
-  if (map->info().vocabulary_hash != 0) {
-    const absl::Status vocabulary = file->LoadVocabulary().status();
-    if (absl::IsNotFound(vocabulary)) {
-      return store::MakeFault(store::Fault::kDamaged, absl::StrCat(options.map, ": the vocabulary is missing"));
-    }
-    CAIRN_RETURN_IF_ERROR(vocabulary);
-  }
+  CAIRN_ASSIGN_OR_RETURN(const health::MapVocabulary vocabulary, health::LoadVocabulary(*file));
+  if (!vocabulary.note.empty()) std::cerr << "cairn info: " << vocabulary.note << "\n";
   std::error_code error;
   const bool being_written = store::WriterLock::IsHeld(std::filesystem::weakly_canonical(options.map, error).string());
   nlohmann::ordered_json info = Describe(*map, std::filesystem::file_size(options.map, error), being_written);

@@ -133,6 +133,7 @@ int ParseAndRun(Call* call) {
   AddLsCommand(app, &action);
   AddAlignCommand(app, &action);
   AddLogCommand(app, &action);
+  AddVerifyCommand(app, &action);
   AddEvalCommand(app, &action);
   AddBenchCommand(app, &action);
   AddVocabCommand(app, &action);

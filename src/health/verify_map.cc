@@ -1,0 +1,66 @@
+#include "health/verify_map.h"
+
+#include <utility>
+
+#include "health/map_vocabulary.h"
+#include "map/plausibility.h"
+
+namespace cairn::health {
+namespace {
+
+// The words that a keyframe has are those that its descriptors fall into; all of one map were looked up alike.
+void CheckWords(const map::Snapshot& map, const place::Vocabulary& vocabulary, VerifyReport* report) {
+  map.keyframes().ForEach([&](const auto& keyframe) {
+    const std::vector<std::uint32_t>& words = keyframe->features->words;
+    if (words.empty()) return;
+    const std::vector<place::WordId> expected = vocabulary.LookupAll(keyframe->descriptors());
+    std::size_t wrong = 0;
+    for (std::size_t i = 0; i < words.size(); ++i) wrong += words[i] != expected[i] ? 1 : 0;
+    report->checked_words += static_cast<std::int64_t>(words.size());
+    if (wrong == 0) return;
+    report->findings.push_back({"keyframe_features", keyframe->id.value(),
+                                absl::StrCat("words: ", wrong, " of ", words.size(),
+                                             " are not those that the vocabulary gives its descriptors")});
+  });
+}
+
+absl::Status VerifyDeeply(store::MapStore& store, VerifyReport* report) {
+  CAIRN_ASSIGN_OR_RETURN(const auto map, store.LoadSnapshot());
+  CAIRN_RETURN_IF_ERROR(map::FindImplausible(*map, {}, [&](map::Implausibility&& what) {
+    report->findings.push_back({std::move(what.kind), what.id, std::move(what.message)});
+  }));
+  CAIRN_ASSIGN_OR_RETURN(const MapVocabulary vocabulary, LoadVocabulary(store));
+  if (vocabulary.words == nullptr) return absl::OkStatus();
+  if (vocabulary.words->hash() != map->info().vocabulary_hash) {
+    report->findings.push_back({"vocabulary", 1, "it is another one than the map was made with"});
+    return absl::OkStatus();
+  }
+  CheckWords(*map, *vocabulary.words, report);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<VerifyReport> VerifyMap(const std::string& uri, const VerifyOptions& options) {
+  VerifyReport report;
+  // Damage ends a check, and is what was looked for.
+  const auto absorb = [&](const absl::Status& status) {
+    if (!store::IsDamaged(status)) return status;
+    report.findings.push_back({"", 0, std::string(status.message())});
+    return absl::OkStatus();
+  };
+  auto store = store::OpenMapStore(uri, store::OpenMode::kRead);
+  if (!store.ok()) {
+    CAIRN_RETURN_IF_ERROR(absorb(store.status()));
+    return report;
+  }
+  report.notes = (*store)->notes();
+  const auto summary = (*store)->ReadSummary();
+  if (summary.ok()) report.summary = *summary;
+  CAIRN_ASSIGN_OR_RETURN(report.findings, (*store)->Verify());
+  if (report.findings.empty()) CAIRN_RETURN_IF_ERROR(absorb(summary.status()));
+  if (report.findings.empty() && options.deep) CAIRN_RETURN_IF_ERROR(absorb(VerifyDeeply(**store, &report)));
+  return report;
+}
+
+}  // namespace cairn::health

@@ -1,0 +1,87 @@
+// cairn verify: whether a map is good, and what is wrong with it.
+#include <cstdio>
+#include <iostream>
+
+#include "cli/cli.h"
+#include "health/verify_map.h"
+
+namespace cairn::cli {
+namespace {
+
+struct VerifyOptions {
+  std::string map;
+  bool deep = false;
+  bool json = false;
+};
+
+nlohmann::ordered_json AsJson(const health::VerifyReport& report, const VerifyOptions& options) {
+  nlohmann::ordered_json json = {{"map", options.map}, {"good", report.findings.empty()}, {"deep", options.deep}};
+  json["revision"] = nullptr;
+  if (report.summary) {
+    json["revision"] = report.summary->revision;
+    json["keyframes"] = report.summary->keyframes;
+    json["points"] = report.summary->points;
+  }
+  json["findings"] = nlohmann::ordered_json::array();
+  for (const store::Finding& finding : report.findings) {
+    json["findings"].push_back({{"table", finding.table}, {"id", finding.id}, {"message", finding.message}});
+  }
+  json["notes"] = report.notes;
+  return json;
+}
+
+std::string Describe(const store::Finding& finding) {
+  if (finding.table.empty()) return finding.message;
+  if (finding.id == 0) return absl::StrCat(finding.table, ": ", finding.message);
+  return absl::StrCat(finding.table, " ", finding.id, ": ", finding.message);
+}
+
+void Print(const health::VerifyReport& report, const VerifyOptions& options) {
+  for (const std::string& note : report.notes) std::cerr << "cairn verify: " << note << "\n";
+  for (const store::Finding& finding : report.findings) std::printf("%s\n", Describe(finding).c_str());
+  if (report.findings.empty() && report.summary) {
+    std::printf("%s: good. Revision %llu, %lld keyframes, %lld points: structure, checksums and references%s\n",
+                options.map.c_str(), static_cast<unsigned long long>(report.summary->revision),
+                static_cast<long long>(report.summary->keyframes), static_cast<long long>(report.summary->points),
+                options.deep ? ", words and geometry" : " (--deep also checks words and geometry)");
+    return;
+  }
+  std::printf(
+      "%s: DAMAGED, %zu finding%s. Keep the file as it is, and get back what is good with:\n"
+      "  cairn recover %s NEW.cairn\n",
+      options.map.c_str(), report.findings.size(), report.findings.size() == 1 ? "" : "s", options.map.c_str());
+}
+
+absl::StatusOr<int> Verify(const VerifyOptions& options) {
+  CAIRN_ASSIGN_OR_RETURN(const health::VerifyReport report, health::VerifyMap(options.map, {.deep = options.deep}));
+  if (options.json) {
+    PrintJson(AsJson(report, options));
+  } else {
+    Print(report, options);
+  }
+  return report.findings.empty() ? kOk : kDamagedMap;
+}
+
+}  // namespace
+
+void AddVerifyCommand(CLI::App& app, Action* action) {
+  CLI::App* verb = app.add_subcommand("verify", "Check a map: whether everything in it is as it was written");
+  auto options = std::make_shared<VerifyOptions>();
+  verb->add_option("MAP", options->map, "Map file (.cairn)")->required();
+  verb->add_flag("--deep", options->deep, "Check also that the map makes sense: geometry, words, linked components");
+  verb->add_flag("--json", options->json, "Answer in JSON");
+  verb->footer(
+      "Exit code 0: the map is good; 3: it is damaged, and what is wrong is listed.\n"
+      "Nothing is changed. What is good of a damaged map is saved by 'cairn recover'.\n"
+      "Examples:\n"
+      "  cairn verify office.cairn\n"
+      "  cairn verify office.cairn --deep --json");
+  verb->callback([=] {
+    *action = [=] {
+      const absl::StatusOr<int> code = Verify(*options);
+      return code.ok() ? *code : Fail("verify", code.status(), options->json);
+    };
+  });
+}
+
+}  // namespace cairn::cli
