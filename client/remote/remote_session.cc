@@ -88,6 +88,7 @@ absl::Status RemoteSession::Open(const v1::StartSession& start) {
   const v1::SessionStarted& started = response.started();
   token_ = started.token();
   if (start.token().empty()) return absl::OkStatus();
+  request_.map = started.map();
   if (started.has_camera()) {
     CAIRN_ASSIGN_OR_RETURN(request_.camera, wire::FromProto(started.camera()));
   }

@@ -30,6 +30,7 @@ class RemoteSession final : public api::MapSession {
   ~RemoteSession() override;
 
   const std::string& token() const override { return token_; }
+  const std::string& map() const override { return request_.map; }
   const Camera& camera() const override { return request_.camera; }
   const std::optional<api::SessionAnswer>& last_answer() const override { return last_answer_; }
   const api::SessionProgress& progress() const override { return progress_; }

@@ -1,9 +1,14 @@
 #include "server/daemon/daemon.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/match.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "server/daemon/addresses.h"
 
 namespace cairn::server {
@@ -15,13 +20,29 @@ std::string Bound(const std::string& address, int port) {
   return absl::StrCat(address.substr(0, address.rfind(':')), ":", port);
 }
 
-absl::Status CheckLoopback(const std::string& address) {
-  if (IsLoopback(address)) return absl::OkStatus();
-  return absl::FailedPreconditionError(
-      absl::StrCat("other machines reach ", address,
-                   ", and nothing protects the maps there: listen on 127.0.0.1 and let them come through ssh or a "
-                   "proxy that asks who they are, or say --without-protection if everyone who gets there may do "
-                   "everything"));
+absl::Status CheckProtected(const DaemonOptions& options, const std::string& address) {
+  if (IsLoopback(address) || (options.tls.on() && !options.access.tokens.empty())) return absl::OkStatus();
+  const absl::string_view missing = options.tls.on() ? "tokens (tokens) are"
+                                    : !options.access.tokens.empty()
+                                        ? "TLS (tls_certificate, tls_key) is"
+                                        : "TLS (tls_certificate, tls_key) and tokens (tokens) are";
+  return absl::FailedPreconditionError(absl::StrCat(
+      "other machines reach ", address, ", and ", missing,
+      " missing: docs/server.md, \"Security\", says how to set them up in ten minutes. Or listen on 127.0.0.1, or say "
+      "--without-protection if everyone who gets there may read, or do, everything"));
+}
+
+std::int64_t NowUnixS() { return absl::ToUnixSeconds(absl::Now()); }
+
+absl::StatusOr<std::optional<ServerTls>> TlsOf(const TlsOptions& options) {
+  std::optional<ServerTls> tls;
+  if (!options.on()) return tls;
+  CAIRN_ASSIGN_OR_RETURN(tls, LoadServerTls(options, NowUnixS()));
+  constexpr std::int64_t kSoonS = 14 * 24 * 3600;
+  if (tls->expires_unix_s < NowUnixS() + kSoonS) {
+    spdlog::warn("the certificate of {} expires in less than two weeks", options.certificate);
+  }
+  return tls;
 }
 
 ServerState StateOf(host::MapHost& maps) {
@@ -48,14 +69,32 @@ absl::Status DaemonOptions::Validate() const {
   if (http.max_connections < 1) return absl::InvalidArgumentError("http: max_connections must be positive");
   if (images.max_pixels < 1) return absl::InvalidArgumentError("images: max_pixels must be positive");
   if (!no_http) CAIRN_RETURN_IF_ERROR(CheckAddress(http.address));
+  CAIRN_RETURN_IF_ERROR(tls.Validate());
+  CAIRN_RETURN_IF_ERROR(access.Validate());
   if (without_protection) return absl::OkStatus();
-  CAIRN_RETURN_IF_ERROR(CheckLoopback(grpc.address));
-  return no_http ? absl::OkStatus() : CheckLoopback(http.address);
+  CAIRN_RETURN_IF_ERROR(CheckProtected(*this, grpc.address));
+  return no_http ? absl::OkStatus() : CheckProtected(*this, http.address);
+}
+
+absl::Status DaemonOptions::CheckFiles() const {
+  CAIRN_RETURN_IF_ERROR(TlsOf(tls).status());
+  return access.tokens.empty() ? absl::OkStatus() : ReadTokens(access.tokens).status();
+}
+
+std::string DaemonOptions::ProtectionText() const {
+  const bool local = IsLoopback(grpc.address) && (no_http || IsLoopback(http.address));
+  const absl::string_view encrypted = !tls.on()               ? "not encrypted"
+                                      : tls.client_ca.empty() ? "TLS"
+                                                              : "TLS with certificates of clients";
+  return absl::StrCat(local ? "only this machine reaches it" : "other machines reach it", "; ", encrypted,
+                      access.tokens.empty() ? ", whoever asks may do everything" : ", who asks needs a token",
+                      local && (!tls.on() || access.tokens.empty()) ? "; docs/server.md says how to go beyond" : "");
 }
 
 absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const DaemonOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   auto daemon = std::unique_ptr<Daemon>(new Daemon);
+  CAIRN_ASSIGN_OR_RETURN(daemon->access_, Access::Open(options.access));
   CAIRN_ASSIGN_OR_RETURN(daemon->maps_, host::MapHost::Open(options.maps));
   CAIRN_RETURN_IF_ERROR(daemon->Listen(options));
   return daemon;
@@ -63,16 +102,20 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const DaemonOptions& optio
 
 absl::Status Daemon::Listen(const DaemonOptions& options) {
   metrics_ = std::make_unique<Metrics>([maps = maps_.get()] { return StateOf(*maps); });
-  const CallContext context{maps_.get(), options.images, metrics_.get()};
+  const CallContext context{maps_.get(), options.images, metrics_.get(), access_.get()};
+  CAIRN_ASSIGN_OR_RETURN(const std::optional<ServerTls> tls, TlsOf(options.tls));
   if (!options.no_http) {
     const HttpHooks hooks{[maps = maps_.get()] { return maps->Ready(); }, [this] { return metrics_->Text(); }};
     http_api_ = std::make_unique<HttpApi>(context, hooks);
-    CAIRN_ASSIGN_OR_RETURN(http_, HttpServer::Start(options.http, [api = http_api_.get()](const HttpRequest& request) {
-                             return api->Handle(request);
-                           }));
+    HttpServerOptions http = options.http;
+    http.tls = tls;
+    const auto handle = [api = http_api_.get()](const HttpRequest& request) { return api->Handle(request); };
+    CAIRN_ASSIGN_OR_RETURN(http_, HttpServer::Start(http, handle));
     http_address_ = Bound(options.http.address, http_->port());
   }
-  CAIRN_ASSIGN_OR_RETURN(grpc_, GrpcServer::Start(options.grpc, context));
+  GrpcServerOptions grpc = options.grpc;
+  grpc.tls = tls;
+  CAIRN_ASSIGN_OR_RETURN(grpc_, GrpcServer::Start(grpc, context));
   grpc_address_ = Bound(options.grpc.address, grpc_->port());
   return absl::OkStatus();
 }
@@ -81,6 +124,7 @@ Daemon::~Daemon() { Stop(std::chrono::milliseconds(0)); }
 
 void Daemon::Stop(std::chrono::milliseconds grace) {
   const auto until = std::chrono::steady_clock::now() + grace;
+  if (access_ != nullptr) access_->limits().Stop();
   if (grpc_ != nullptr) grpc_->Stop(grace);
   const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now());
   if (http_ != nullptr) http_->Stop(std::max(left, std::chrono::milliseconds(0)));

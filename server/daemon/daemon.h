@@ -7,10 +7,12 @@
 
 #include "base/status.h"
 #include "host/map_host.h"
+#include "server/access/access.h"
 #include "server/grpc/grpc_server.h"
 #include "server/http/http_api.h"
 #include "server/http/http_server.h"
 #include "server/metrics/metrics.h"
+#include "server/tls/server_tls.h"
 
 namespace cairn::server {
 
@@ -20,10 +22,16 @@ struct DaemonOptions {
   HttpServerOptions http;
   bool no_http = false;
   ImageLimits images;
-  // Listen also where other machines reach it, although whoever does may do everything.
+  TlsOptions tls;  // of gRPC and HTTP
+  AccessOptions access;
+  // Listen also where other machines reach it, although TLS or tokens are missing.
   bool without_protection = false;
 
   absl::Status Validate() const;
+  // Whether certificates and tokens can be used, as Start() finds out, too.
+  absl::Status CheckFiles() const;
+  // Who reaches it, and what stands between, for people.
+  std::string ProtectionText() const;
 };
 
 class Daemon {
@@ -46,6 +54,7 @@ class Daemon {
   Daemon() = default;
   absl::Status Listen(const DaemonOptions& options);
 
+  std::unique_ptr<Access> access_;
   std::unique_ptr<host::MapHost> maps_;
   std::unique_ptr<Metrics> metrics_;
   std::unique_ptr<HttpApi> http_api_;

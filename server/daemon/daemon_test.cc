@@ -19,6 +19,11 @@ TEST(Daemon, DoesNotListenBeyondThisMachineUnlessToldSoInWords) {
   const absl::Status refused = Daemon::Start(options).status();
   EXPECT_EQ(refused.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(refused.message()), testing::HasSubstr("--without-protection"));
+  EXPECT_THAT(std::string(refused.message()), testing::HasSubstr("TLS (tls_certificate, tls_key) and tokens"));
+  options.access.tokens = "tokens.json";
+  EXPECT_THAT(std::string(Daemon::Start(options).status().message()),
+              testing::HasSubstr("TLS (tls_certificate, tls_key) is"));
+  options.access.tokens = "";
   options.without_protection = true;
   EXPECT_TRUE(Daemon::Start(options).ok());
   options = Options();

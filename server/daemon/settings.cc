@@ -26,6 +26,13 @@ Setting Flag(std::string key, std::string help, bool* value) {
           }};
 }
 
+// A flag whose standard is true: it takes a value also on the command line.
+Setting YesNo(std::string key, std::string help, bool* value) {
+  Setting setting = Flag(std::move(key), std::move(help), value);
+  setting.is_flag = false;
+  return setting;
+}
+
 // A number that is kept as `factor` times what is written.
 template <class Number>
 Setting Quantity(std::string key, std::string help, Number* value, double factor = 1.0) {
@@ -58,8 +65,24 @@ std::vector<Setting> SettingsOf(DaemonOptions* options) {
       Text("listen", "HOST:PORT or unix:/path for gRPC; port 0: any that is free", &options->grpc.address),
       Text("listen_http", "HOST:PORT for HTTP: REST, health, metrics", &options->http.address),
       Flag("no_http", "gRPC only", &options->no_http),
-      Flag("without_protection", "Listen also where other machines reach it: everyone who does may do everything",
+      Flag("without_protection", "Listen also where other machines reach it, although TLS or tokens are missing",
            &options->without_protection),
+      Text("tls_certificate", "PEM file: this server's certificate, and those between it and its CA",
+           &options->tls.certificate),
+      Text("tls_key", "PEM file: the key of the certificate", &options->tls.key),
+      Text("tls_client_ca", "PEM file: clients need a certificate of one of these CAs, too", &options->tls.client_ca),
+      Text("tokens", "File of who may do what (cairnd token create); then nobody gets in without a token",
+           &options->access.tokens),
+      Text("audit_log", "File: a line of JSON for every change, with who made it", &options->access.audit_log),
+      YesNo("audit_sync", "Each line of it is on the disk before the client is answered (true, false)",
+            &options->access.audit_sync),
+      Text("request_log", "File: a line of JSON for every request", &options->access.request_log),
+      Quantity("max_client_sessions", "Sessions of one client at the same time, those included that wait for it",
+               &maps.max_client_sessions),
+      Quantity("max_client_calls", "Calls and streams of one client at the same time",
+               &options->access.limits.max_calls),
+      Quantity("client_requests_per_s", "Requests of one client in a second", &options->access.limits.requests_per_s),
+      Quantity("client_mb_per_s", "That one client may send in a second", &options->access.limits.bytes_per_s, 1e6),
       Quantity("memory_mb", "Of all open maps together, roughly; those used longest ago are closed first",
                &maps.memory_budget_bytes, 1e6),
       Quantity("idle_close_s", "A map that nobody has asked for so long is closed", &maps.idle_close_s),

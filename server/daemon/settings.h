@@ -15,7 +15,7 @@ namespace cairn::server {
 struct Setting {
   std::string key;
   std::string help;
-  bool is_flag = false;  // true or false; on the command line without a value
+  bool is_flag = false;  // true or false, and false unless given; on the command line without a value
   std::string standard;  // what it is unless it is set, as text
   // InvalidArgument, saying what it takes. Whether it fits the others, DaemonOptions::Validate() says.
   std::function<absl::Status(absl::string_view text)> set;

@@ -13,6 +13,19 @@
 namespace cairn::server {
 namespace {
 
+bool IsUnix(const std::string& address) { return absl::StartsWith(address, "unix:"); }
+
+// gRPC speaks TLS 1.2 and 1.3 only, and of 1.2 the ciphers with forward secrecy and authenticated encryption.
+std::shared_ptr<grpc::ServerCredentials> CredentialsOf(const GrpcServerOptions& options) {
+  if (!options.tls || IsUnix(options.address)) return grpc::InsecureServerCredentials();
+  grpc::SslServerCredentialsOptions tls(options.tls->client_ca_pem.empty()
+                                            ? GRPC_SSL_DONT_REQUEST_CLIENT_CERTIFICATE
+                                            : GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY);
+  tls.pem_key_cert_pairs.push_back({options.tls->key_pem, options.tls->certificates_pem});
+  tls.pem_root_certs = options.tls->client_ca_pem;
+  return grpc::SslServerCredentials(tls);
+}
+
 class Server final : public GrpcServer {
  public:
   explicit Server(const CallContext& context) : context_(context), services_(MakeServices(&context_)) {}
@@ -36,14 +49,14 @@ class Server final : public GrpcServer {
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10000);
     // Two servers on one port would share its clients.
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
-    builder.AddListeningPort(options.address, grpc::InsecureServerCredentials(), &port_);
+    builder.AddListeningPort(options.address, CredentialsOf(options), &port_);
     for (const auto& service : services_) builder.RegisterService(service.get());
     server_ = builder.BuildAndStart();
     if (server_ == nullptr) {
       return absl::UnavailableError(
           absl::StrCat("cannot listen on ", options.address, ": is it taken, or not an address of this machine?"));
     }
-    if (absl::StartsWith(options.address, "unix:")) port_ = 0;
+    if (IsUnix(options.address)) port_ = 0;
     return absl::OkStatus();
   }
 

@@ -3,15 +3,18 @@
 
 #include <chrono>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "base/status.h"
 #include "server/rpc/calls.h"
+#include "server/tls/server_tls.h"
 
 namespace cairn::server {
 
 struct GrpcServerOptions {
   std::string address = "127.0.0.1:7878";     // or unix:/path; port 0: any that is free
+  std::optional<ServerTls> tls;               // none: not encrypted. A Unix socket never is
   std::int64_t max_message_bytes = 64 << 20;  // that a client may send
   int max_threads = 64;                       // calls at the same time; more are refused
 };

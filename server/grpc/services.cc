@@ -18,13 +18,13 @@ class MapsService final : public v1::Maps::Service {
  public:
   explicit MapsService(const CallContext* context) : context_(*context) {}
 
-  grpc::Status ListMaps(ServerContext* /*call*/, const v1::ListMapsRequest* request,
+  grpc::Status ListMaps(ServerContext* call, const v1::ListMapsRequest* request,
                         v1::ListMapsResponse* response) override {
-    return Answer(context_, "Maps.ListMaps", [&] { return server::ListMaps(context_, *request, response); });
+    return AnswerOne(context_, call, "Maps.ListMaps", &server::ListMaps, *request, response);
   }
-  grpc::Status DescribeMap(ServerContext* /*call*/, const v1::DescribeMapRequest* request,
+  grpc::Status DescribeMap(ServerContext* call, const v1::DescribeMapRequest* request,
                            v1::DescribeMapResponse* response) override {
-    return Answer(context_, "Maps.DescribeMap", [&] { return server::DescribeMap(context_, *request, response); });
+    return AnswerOne(context_, call, "Maps.DescribeMap", &server::DescribeMap, *request, response);
   }
 
  private:
@@ -35,10 +35,9 @@ class LocalizeService final : public v1::Localize::Service {
  public:
   explicit LocalizeService(const CallContext* context) : context_(*context) {}
 
-  grpc::Status LocalizeImage(ServerContext* /*call*/, const v1::LocalizeImageRequest* request,
+  grpc::Status LocalizeImage(ServerContext* call, const v1::LocalizeImageRequest* request,
                              v1::LocalizeImageResponse* response) override {
-    return Answer(context_, "Localize.LocalizeImage",
-                  [&] { return server::LocalizeImage(context_, *request, response); });
+    return AnswerOne(context_, call, "Localize.LocalizeImage", &server::LocalizeImage, *request, response);
   }
 
  private:
@@ -50,12 +49,17 @@ template <class Interface, class Request, class Response>
 class GrpcStream final : public Interface {
  public:
   using Stream = grpc::ServerReaderWriter<Response, Request>;
-  explicit GrpcStream(Stream* stream) : stream_(*stream) {}
-  bool Read(Request* request) override { return stream_.Read(request); }
+  GrpcStream(Stream* stream, const CallContext* context) : stream_(*stream), context_(*context) {}
+  bool Read(Request* request) override {
+    if (!stream_.Read(request)) return false;
+    CountReceived(context_, static_cast<std::int64_t>(request->ByteSizeLong()));
+    return true;
+  }
   bool Write(const Response& response) override { return stream_.Write(response); }
 
  private:
   Stream& stream_;
+  const CallContext& context_;
 };
 using GrpcSessionStream = GrpcStream<SessionStream, v1::RunSessionRequest, v1::RunSessionResponse>;
 using GrpcTrackStream = GrpcStream<TrackStream, v1::TrackFramesRequest, v1::TrackFramesResponse>;
@@ -64,10 +68,10 @@ class TrackService final : public v1::Track::Service {
  public:
   explicit TrackService(const CallContext* context) : context_(*context) {}
 
-  grpc::Status TrackFrames(ServerContext* /*call*/, GrpcTrackStream::Stream* stream) override {
-    return Answer(context_, "Track.TrackFrames", [&] {
-      GrpcTrackStream messages(stream);
-      return server::TrackFrames(context_, &messages);
+  grpc::Status TrackFrames(ServerContext* call, GrpcTrackStream::Stream* stream) override {
+    return Answer(context_, call, "Track.TrackFrames", 0, [&](const CallContext& context) {
+      GrpcTrackStream messages(stream, &context);
+      return server::TrackFrames(context, &messages);
     });
   }
 
@@ -79,10 +83,10 @@ class SessionsService final : public v1::Sessions::Service {
  public:
   explicit SessionsService(const CallContext* context) : context_(*context) {}
 
-  grpc::Status RunSession(ServerContext* /*call*/, GrpcSessionStream::Stream* stream) override {
-    return Answer(context_, "Sessions.RunSession", [&] {
-      GrpcSessionStream messages(stream);
-      return server::RunSession(context_, &messages);
+  grpc::Status RunSession(ServerContext* call, GrpcSessionStream::Stream* stream) override {
+    return Answer(context_, call, "Sessions.RunSession", 0, [&](const CallContext& context) {
+      GrpcSessionStream messages(stream, &context);
+      return server::RunSession(context, &messages);
     });
   }
 

@@ -3,6 +3,7 @@
 #include <google/protobuf/util/json_util.h>
 
 #include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/match.h"
@@ -58,26 +59,33 @@ HttpResponse Json(const Served& served, const google::protobuf::Message& message
 
 HttpResponse Text(int status, const std::string& text) { return {status, "text/plain; charset=utf-8", text}; }
 
-HttpResponse ListMapsOver(const CallContext& context) {
-  v1::ListMapsResponse response;
-  return Json(Serve(context, "Maps.ListMaps", [&] { return ListMaps(context, {}, &response); }), response);
+Caller CallerOf(const HttpRequest& request) {
+  return {request.peer, request.authorization, request.request_id, static_cast<std::int64_t>(request.body.size())};
 }
 
-HttpResponse DescribeMapOver(const CallContext& context, const std::string& map) {
+HttpResponse ListMapsOver(const CallContext& server, const Caller& caller) {
+  v1::ListMapsResponse response;
+  const auto list = [&](const CallContext& context) { return ListMaps(context, {}, &response); };
+  return Json(Serve(server, caller, "Maps.ListMaps", list), response);
+}
+
+HttpResponse DescribeMapOver(const CallContext& server, const Caller& caller, const std::string& map) {
   v1::DescribeMapRequest request;
   request.set_map(map);
   v1::DescribeMapResponse response;
-  return Json(Serve(context, "Maps.DescribeMap", [&] { return DescribeMap(context, request, &response); }), response);
+  const auto describe = [&](const CallContext& context) { return DescribeMap(context, request, &response); };
+  return Json(Serve(server, caller, "Maps.DescribeMap", describe), response);
 }
 
-HttpResponse LocalizeOver(const CallContext& context, const std::string& map, const HttpRequest& http) {
+HttpResponse LocalizeOver(const CallContext& server, const Caller& caller, const std::string& map,
+                          const HttpRequest& http) {
   v1::LocalizeImageResponse response;
-  const Served served = Serve(context, "Localize.LocalizeImage", [&]() -> absl::Status {
+  const auto localize = [&](const CallContext& context) -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(v1::LocalizeImageRequest request, ReadLocalizeRequest(http));
     request.set_map(map);
     return LocalizeImage(context, request, &response);
-  });
-  return Json(served, response);
+  };
+  return Json(Serve(server, caller, "Localize.LocalizeImage", localize), response);
 }
 
 }  // namespace
@@ -97,10 +105,34 @@ HttpResponse ErrorResponse(const absl::Status& status, absl::string_view request
                                         {{"reason", std::string(kind.reason)},
                                          {"message", std::string(status.message())},
                                          {"request_id", std::string(request_id)}}}};
-  return {kind.http_status, "application/json", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+  HttpResponse response{kind.http_status, "application/json",
+                        json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+  if (absl::IsUnauthenticated(status)) response.headers.emplace_back("WWW-Authenticate", "Bearer");
+  if (const double seconds = wire::RetryAfterOf(status); seconds > 0.0) {
+    response.headers.emplace_back("Retry-After", absl::StrCat(static_cast<std::int64_t>(std::ceil(seconds))));
+  }
+  return response;
 }
 
 HttpResponse HttpApi::Handle(const HttpRequest& request) const {
+  Caller caller = CallerOf(request);
+  caller.request_id = RequestIdOf(caller);
+  HttpResponse response = Answer(request, caller);
+  response.headers.emplace_back("X-Request-Id", caller.request_id);
+  return response;
+}
+
+// They name maps: who may read all of them may read them.
+HttpResponse HttpApi::MetricsOver(const Caller& caller) const {
+  const Served served = Serve(context_, caller, "Http.Metrics", [](const CallContext& context) {
+    return context.access == nullptr ? absl::OkStatus() : context.access->Require(*context.client, Right::kRead, "*");
+  });
+  if (!served.status.ok()) return ErrorResponse(served.status, served.request_id);
+  return {200, "text/plain; version=0.0.4; charset=utf-8", hooks_.metrics()};
+}
+
+HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) const {
+  const std::string& id = caller.request_id;
   std::string map, allowed;
   for (std::size_t i = 0; i < kRoutes.size(); ++i) {
     if (!Matches(kRoutes[i].path, request.path, &map)) continue;
@@ -110,30 +142,30 @@ HttpResponse HttpApi::Handle(const HttpRequest& request) const {
     }
     switch (static_cast<Target>(i)) {
       case kListMaps:
-        return ListMapsOver(context_);
+        return ListMapsOver(context_, caller);
       case kDescribeMap:
-        return DescribeMapOver(context_, map);
+        return DescribeMapOver(context_, caller, map);
       case kLocalize:
-        return LocalizeOver(context_, map, request);
+        return LocalizeOver(context_, caller, map, request);
       case kHealth:
         return Text(200, "ok\n");
       case kReady: {
         const absl::Status ready = hooks_.ready();
-        return ready.ok() ? Text(200, "ok\n") : ErrorResponse(absl::UnavailableError(ready.message()), "");
+        return ready.ok() ? Text(200, "ok\n") : ErrorResponse(absl::UnavailableError(ready.message()), id);
       }
       case kMetrics:
-        return {200, "text/plain; version=0.0.4; charset=utf-8", hooks_.metrics()};
+        return MetricsOver(caller);
       case kDescription:
         return {200, "application/json", OpenApi()};
     }
   }
   if (!allowed.empty()) {
-    HttpResponse response = ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this takes ", allowed)), "");
+    HttpResponse response = ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this takes ", allowed)), id);
     response.status = 405;
     response.headers.emplace_back("Allow", allowed);
     return response;
   }
-  return ErrorResponse(absl::NotFoundError("there is nothing here: /openapi.json says what there is"), "");
+  return ErrorResponse(absl::NotFoundError("there is nothing here: /openapi.json says what there is"), id);
 }
 
 }  // namespace cairn::server

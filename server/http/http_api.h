@@ -34,11 +34,14 @@ class HttpApi {
   static const std::string& OpenApi();
 
  private:
+  HttpResponse Answer(const HttpRequest& request, const Caller& caller) const;
+  HttpResponse MetricsOver(const Caller& caller) const;
+
   const CallContext context_;
   const HttpHooks hooks_;
 };
 
-// {"error": {"reason": ..., "message": ..., "request_id": ...}}
+// {"error": {"reason": ..., "message": ..., "request_id": ...}}, and the headers that go with it.
 HttpResponse ErrorResponse(const absl::Status& status, absl::string_view request_id);
 
 }  // namespace cairn::server

@@ -1,168 +1,45 @@
 #include "server/http/http_server.h"
 
-#include <atomic>
+#include <openssl/ssl.h>
+
+#include <boost/asio/buffer.hpp>
 #include <boost/asio/executor_work_guard.hpp>
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <boost/asio/thread_pool.hpp>
-#include <boost/beast/core.hpp>
-#include <boost/beast/http.hpp>
-#include <condition_variable>
-#include <mutex>
-#include <optional>
-#include <set>
+#include <string>
 #include <thread>
 #include <utility>
 
 #include "absl/strings/numbers.h"
 #include "base/guarded.h"
-#include "base/version.h"
-#include "server/http/http_api.h"
+#include "server/http/http_connection.h"
 
 namespace cairn::server {
 namespace {
 
 namespace asio = boost::asio;
-namespace beast = boost::beast;
-namespace http = boost::beast::http;
 using boost::system::error_code;
 using tcp = asio::ip::tcp;
 
-class Connection;
-
-// What connections share.
-struct Shared {
-  Shared(const HttpServerOptions& given, HttpServer::Handler handle, asio::io_context* context)
-      : options(given), handler(std::move(handle)), io(*context), workers(static_cast<std::size_t>(given.threads)) {}
-
-  const HttpServerOptions options;
-  const HttpServer::Handler handler;
-  asio::io_context& io;  // of the server: whatever waits in it keeps its connection, and that this
-  asio::thread_pool workers;
-  std::atomic<bool> stopping = false;
-
-  std::mutex mutex;  // guards what follows
-  std::condition_variable idle;
-  int working = 0;  // requests whose answer has not left
-  std::set<Connection*> connections;
-};
-
-HttpResponse TooLarge() {
-  HttpResponse response = ErrorResponse(absl::InvalidArgumentError("the body is too large"), "");
-  response.status = 413;
-  return response;
+absl::Status SetTls(const ServerTls& tls, std::optional<asio::ssl::context>* out) {
+  asio::ssl::context& context = out->emplace(asio::ssl::context::tls_server);
+  SSL_CTX* const native = context.native_handle();
+  SSL_CTX_set_min_proto_version(native, TLS1_2_VERSION);
+  SSL_CTX_set_cipher_list(native, kTls12Ciphers);
+  SSL_CTX_set_options(native, SSL_OP_NO_RENEGOTIATION | SSL_OP_CIPHER_SERVER_PREFERENCE);
+  // Connections are kept; to take up earlier ones would need state that all clients share.
+  SSL_CTX_set_session_cache_mode(native, SSL_SESS_CACHE_OFF);
+  SSL_CTX_set_options(native, SSL_OP_NO_TICKET);
+  error_code error;
+  context.use_certificate_chain(asio::buffer(tls.certificates_pem), error);
+  if (!error) context.use_private_key(asio::buffer(tls.key_pem), asio::ssl::context::pem, error);
+  if (!error && !tls.client_ca_pem.empty()) {
+    context.add_certificate_authority(asio::buffer(tls.client_ca_pem), error);
+    context.set_verify_mode(asio::ssl::verify_peer | asio::ssl::verify_fail_if_no_peer_cert);
+  }
+  if (!error) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrCat("the certificate cannot be used: ", error.message()));
 }
-
-class Connection : public std::enable_shared_from_this<Connection> {
- public:
-  Connection(tcp::socket socket, std::shared_ptr<Shared> shared)
-      : shared_(std::move(shared)), stream_(std::move(socket)) {
-    const std::lock_guard lock(shared_->mutex);
-    shared_->connections.insert(this);
-  }
-  ~Connection() {
-    const std::lock_guard lock(shared_->mutex);
-    shared_->connections.erase(this);
-  }
-  Connection(const Connection&) = delete;
-  Connection& operator=(const Connection&) = delete;
-
-  void Close() {
-    error_code ignored;
-    stream_.socket().shutdown(tcp::socket::shutdown_both, ignored);
-  }
-
-  void Read() {
-    parser_.emplace();
-    parser_->body_limit(static_cast<std::uint64_t>(shared_->options.max_body_bytes));
-    parser_->header_limit(static_cast<std::uint32_t>(shared_->options.max_header_bytes));
-    stream_.expires_after(shared_->options.timeout);
-    http::async_read_header(stream_, buffer_, *parser_,
-                            [self = shared_from_this()](error_code error, std::size_t) { self->OnHeader(error); });
-  }
-
- private:
-  void OnHeader(error_code error) {
-    if (error) return OnFailure(error);
-    if (parser_->get()[http::field::expect] != "100-continue") return ReadBody();
-    // The client asks before it sends the rest.
-    http::response<http::empty_body> go_on(http::status::continue_, parser_->get().version());
-    error_code write_error;
-    http::write(stream_.socket(), go_on, write_error);
-    if (write_error) return Close();
-    ReadBody();
-  }
-
-  void ReadBody() {
-    http::async_read(stream_, buffer_, *parser_,
-                     [self = shared_from_this()](error_code error, std::size_t) { self->OnRequest(error); });
-  }
-
-  void OnRequest(error_code error) {
-    if (error) return OnFailure(error);
-    stream_.expires_never();
-    SetWorking(true);
-    asio::post(shared_->workers, [self = shared_from_this()] {
-      HttpResponse response = self->Handled();
-      asio::post(self->shared_->io, [self, response = std::move(response)]() mutable {
-        self->Write(std::move(response), self->parser_->get().keep_alive() && !self->shared_->stopping);
-      });
-    });
-  }
-
-  HttpResponse Handled() {
-    http::request<http::string_body>& received = parser_->get();
-    HttpRequest request;
-    request.method = std::string(received.method_string());
-    request.path = std::string(received.target().substr(0, received.target().find('?')));
-    request.content_type = std::string(received[http::field::content_type]);
-    request.body = std::move(received.body());
-    return shared_->handler(request);
-  }
-
-  // What is no HTTP, or too large, is told so; a client that is gone or too slow is not.
-  void OnFailure(error_code error) {
-    if (error == http::error::body_limit || error == http::error::header_limit) return Write(TooLarge(), false);
-    const bool malformed = error.category() == make_error_code(http::error::bad_method).category();
-    if (!malformed || error == http::error::end_of_stream || error == http::error::partial_message) return Close();
-    Write(ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this is no HTTP request: ", error.message())), ""),
-          false);
-  }
-
-  void Write(HttpResponse&& answer, bool keep_alive) {
-    const bool head = parser_->is_header_done() && parser_->get().method() == http::verb::head;
-    answer_.emplace(static_cast<http::status>(answer.status), 11);
-    answer_->set(http::field::server, std::string("cairnd/") + kVersion);
-    answer_->set(http::field::content_type, answer.content_type);
-    for (const auto& [name, value] : answer.headers) answer_->set(name, value);
-    answer_->keep_alive(keep_alive);
-    answer_->content_length(answer.body.size());
-    if (!head) answer_->body() = std::move(answer.body);
-    stream_.expires_after(shared_->options.timeout);
-    http::async_write(stream_, *answer_, [self = shared_from_this(), keep_alive](error_code error, std::size_t) {
-      self->SetWorking(false);
-      if (error || !keep_alive) return self->Close();
-      self->Read();
-    });
-  }
-
-  void SetWorking(bool working) {
-    const std::lock_guard lock(shared_->mutex);
-    if (working_ == working) return;
-    working_ = working;
-    shared_->working += working ? 1 : -1;
-    if (!working) shared_->idle.notify_all();
-  }
-
-  const std::shared_ptr<Shared> shared_;
-  beast::tcp_stream stream_;
-  beast::flat_buffer buffer_;
-  std::optional<http::request_parser<http::string_body>> parser_;
-  std::optional<http::response<http::string_body>> answer_;
-  bool working_ = false;  // with the lock of shared_
-};
 
 absl::StatusOr<tcp::endpoint> EndpointOf(const std::string& address) {
   const std::size_t colon = address.rfind(':');
@@ -182,11 +59,12 @@ absl::StatusOr<tcp::endpoint> EndpointOf(const std::string& address) {
 class Server final : public HttpServer {
  public:
   Server(const HttpServerOptions& options, Handler handler)
-      : shared_(std::make_shared<Shared>(options, std::move(handler), &io_)), acceptor_(io_), pause_(io_) {}
+      : shared_(std::make_shared<HttpConnections>(options, std::move(handler), &io_)), acceptor_(io_), pause_(io_) {}
   ~Server() override { Stop(std::chrono::milliseconds(0)); }
 
   absl::Status Listen() {
     CAIRN_ASSIGN_OR_RETURN(const tcp::endpoint endpoint, EndpointOf(shared_->options.address));
+    if (shared_->options.tls) CAIRN_RETURN_IF_ERROR(SetTls(*shared_->options.tls, &shared_->tls));
     error_code error;
     acceptor_.open(endpoint.protocol(), error);
     if (!error) acceptor_.set_option(asio::socket_base::reuse_address(true), error);
@@ -222,7 +100,7 @@ class Server final : public HttpServer {
     error_code ignored;
     acceptor_.close(ignored);  // if there was nothing to wait for, it may have been stopped before it came to that
     const std::lock_guard lock(shared_->mutex);
-    for (Connection* connection : shared_->connections) connection->Close();
+    for (HttpConnection* connection : shared_->connections) connection->Close();
   }
 
  private:
@@ -230,7 +108,7 @@ class Server final : public HttpServer {
     acceptor_.async_accept([this](error_code error, tcp::socket socket) {
       if (error == asio::error::operation_aborted || shared_->stopping) return;
       if (error) return AcceptLater();
-      if (HasRoom()) std::make_shared<Connection>(std::move(socket), shared_)->Read();
+      if (HasRoom()) ServeConnection(std::move(socket), shared_);
       Accept();
     });
   }
@@ -251,7 +129,7 @@ class Server final : public HttpServer {
   asio::io_context io_{1};
   // It runs until it is stopped, also while all there is to wait for is a worker.
   const asio::executor_work_guard<asio::io_context::executor_type> runs_ = asio::make_work_guard(io_);
-  const std::shared_ptr<Shared> shared_;
+  const std::shared_ptr<HttpConnections> shared_;
   tcp::acceptor acceptor_;
   asio::steady_timer pause_;
   std::thread thread_;

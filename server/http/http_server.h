@@ -1,18 +1,22 @@
-// HTTP/1.1 over TCP, bounded everywhere: connections, headers, bodies, and the time that a client may take for each.
+// HTTP/1.1 over TCP or TLS, bounded everywhere: connections, headers, bodies, and the time that a client may take for
+// each.
 #pragma once
 
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "base/status.h"
 #include "server/http/message.h"
+#include "server/tls/server_tls.h"
 
 namespace cairn::server {
 
 struct HttpServerOptions {
   std::string address = "127.0.0.1:7879";  // HOST:PORT, HOST an address or localhost; port 0: any that is free
+  std::optional<ServerTls> tls;            // none: plain HTTP
   std::int64_t max_body_bytes = 64 << 20;
   std::int64_t max_header_bytes = 16 << 10;
   int max_connections = 256;         // further ones are closed at once

@@ -14,6 +14,10 @@ struct HttpRequest {
   std::string path;    // without the query, not decoded
   std::string content_type;
   std::string body;
+  std::string peer = {};           // address of the client
+  std::string authorization = {};  // headers, as they are named; empty: not there
+  std::string request_id = {};     // X-Request-Id
+  std::string origin = {};
 };
 
 struct HttpResponse {

@@ -8,6 +8,7 @@
 #include "absl/strings/string_view.h"
 #include "api/map_service.h"
 #include "base/status.h"
+#include "server/access/access.h"
 
 namespace cairn::server {
 
@@ -28,11 +29,14 @@ class CallObserver {
   virtual void OnSessionFrame(absl::string_view state, double seconds) = 0;
 };
 
-// What a call works with.
+// What a call works with. Serve() (serve.h) makes that of one call out of the server's: `maps` as the client may use
+// them.
 struct CallContext {
   api::MapService* maps = nullptr;
   ImageLimits images;
   CallObserver* observer = nullptr;  // null: nobody
+  Access* access = nullptr;          // null: everyone may do everything
+  const Client* client = nullptr;    // of one call: who asks
 };
 
 absl::Status ListMaps(const CallContext& context, const v1::ListMapsRequest& request, v1::ListMapsResponse* response);

@@ -45,6 +45,7 @@ class SessionCall {
     if (!start.token().empty()) {
       CAIRN_ASSIGN_OR_RETURN(session_, context_.maps->ResumeSession(start.token()));
       started->set_resumed(true);
+      started->set_map(session_->map());
       wire::ToProto(session_->camera(), started->mutable_camera());
     } else {
       CAIRN_ASSIGN_OR_RETURN(const api::SessionRequest request, wire::FromProto(start));

@@ -24,6 +24,8 @@ struct SessionRequest {
   std::string source;       // name of the sequence or the robot, for the history
   std::string title;        // of a new map; empty: `source`
   TimeNs first_ns = 0;      // time of the first frame, as far as it is known
+  // Who asks, as a server found out, whose sessions are counted together; not sent by clients, empty: not counted.
+  std::string client;
 };
 
 struct SessionFrame {
@@ -84,6 +86,8 @@ class MapSession {
 
   // By which it can be resumed.
   virtual const std::string& token() const = 0;
+  // Into which it maps.
+  virtual const std::string& map() const = 0;
   // Of its frames.
   virtual const Camera& camera() const = 0;
   // To the last frame that was received, of a session that was resumed; none if there was none.

@@ -123,14 +123,18 @@ std::string FollowLinks(const std::string& path) {
   return at.string();
 }
 
-// A new file in the folder of `path`, with the permissions that the process gives to new files. Its name is short, as
-// that of `path` may be as long as a name can be.
-int CreateBeside(const std::string& path, std::string* name) {
+std::string FolderOf(const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  return folder.empty() ? "." : folder;
+}
+
+// A new file in the folder of `path`. Its name is short, as that of `path` may be as long as a name can be.
+int CreateBeside(const std::string& path, mode_t mode, std::string* name) {
   std::random_device random;
   for (int attempt = 0; attempt < 100; ++attempt) {
     const std::string file = absl::StrCat(".cairn-", absl::Hex(random(), absl::kZeroPad8));
     *name = (std::filesystem::path(path).parent_path() / file).string();
-    const int fd = open(name->c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    const int fd = open(name->c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
     if (fd >= 0 || errno != EEXIST) return fd;
   }
   return -1;
@@ -147,7 +151,16 @@ absl::Status MoveIntoPlace(const std::string& temporary, const std::string& path
   return absl::OkStatus();
 }
 
-absl::Status Write(const std::string& path, absl::string_view contents, bool overwrite) {
+// What root writes for a service belongs to the service.
+absl::Status KeepOwner(int file, const std::string& path) {
+  struct stat owner = {};
+  if (geteuid() != 0 || (stat(path.c_str(), &owner) != 0 && stat(FolderOf(path).c_str(), &owner) != 0)) {
+    return absl::OkStatus();
+  }
+  return fchown(file, owner.st_uid, owner.st_gid) == 0 ? absl::OkStatus() : SystemError("giving to its owner", path);
+}
+
+absl::Status Write(const std::string& path, absl::string_view contents, bool overwrite, FilePermissions permissions) {
   if (const std::string kind = WhyNoFile(path); !kind.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(path, " ", kind, "; give a file name"));
   }
@@ -155,9 +168,11 @@ absl::Status Write(const std::string& path, absl::string_view contents, bool ove
   if (!overwrite && std::filesystem::exists(path, ignored)) return AlreadyThere(path);
   const std::string target = FollowLinks(path);
   std::string temporary;
-  Descriptor file(CreateBeside(target, &temporary));
+  const bool owner_only = permissions == FilePermissions::kOwnerOnly;
+  Descriptor file(CreateBeside(target, owner_only ? 0600 : 0666, &temporary));
   if (file.get() < 0) return SystemError("writing", path);
-  absl::Status status = WriteAll(file.get(), contents, path);
+  absl::Status status = owner_only ? KeepOwner(file.get(), target) : absl::OkStatus();
+  if (status.ok()) status = WriteAll(file.get(), contents, path);
   if (file.Close() != 0 && status.ok()) status = SystemError("writing", path);
   if (status.ok()) status = MoveIntoPlace(temporary, target, overwrite);
   if (!status.ok()) unlink(temporary.c_str());
@@ -175,8 +190,9 @@ absl::StatusOr<std::string> ReadWholeFile(const std::string& path, std::uint64_t
   return Guarded([&] { return ReadAll(path, max_bytes); });
 }
 
-absl::Status WriteFileAtomically(const std::string& path, absl::string_view contents, bool overwrite) {
-  return Guarded([&] { return Write(path, contents, overwrite); });
+absl::Status WriteFileAtomically(const std::string& path, absl::string_view contents, bool overwrite,
+                                 FilePermissions permissions) {
+  return Guarded([&] { return Write(path, contents, overwrite, permissions); });
 }
 
 }  // namespace cairn

@@ -100,6 +100,21 @@ TEST_F(Files, NamesMayBeAsLongAsTheyCanBe) {
 }
 
 // The mask of the process belongs to all its threads: it is honoured, and never changed, not even for a moment.
+TEST_F(Files, SecretsAreForTheirOwnerOnlyAlsoWhenTheyReplaceWhatWasNot) {
+  ASSERT_TRUE(WriteFileAtomically(Path("a"), "public", false).ok());
+  ASSERT_TRUE(WriteFileAtomically(Path("a"), "secret", true, FilePermissions::kOwnerOnly).ok());
+  EXPECT_EQ(fs::status(Path("a")).permissions(), fs::perms::owner_read | fs::perms::owner_write);
+  EXPECT_EQ(*ReadWholeFile(Path("a")), "secret");
+  if (geteuid() != 0) return;  // only root can give files away
+  fs::create_directory(Path("service"));
+  ASSERT_EQ(chown(Path("service").c_str(), 4321, 4322), 0);
+  ASSERT_TRUE(WriteFileAtomically(Path("service/a"), "secret", false, FilePermissions::kOwnerOnly).ok());
+  struct stat info = {};
+  ASSERT_EQ(stat(Path("service/a").c_str(), &info), 0);
+  EXPECT_EQ(info.st_uid, 4321u);
+  EXPECT_EQ(info.st_gid, 4322u);
+}
+
 TEST_F(Files, NewFilesHaveThePermissionsOfTheProcess) {
   const mode_t before = umask(027);
   std::atomic<bool> stop = false;

@@ -39,6 +39,7 @@ absl::StatusOr<std::unique_ptr<HostedSession>> HostedSession::Start(const api::S
                                                                     std::shared_ptr<engine::LiveMap> map) {
   auto session = std::unique_ptr<HostedSession>(new HostedSession(std::move(map)));
   session->changes_ = session->map_->Subscribe();
+  session->map_name_ = request.map;
   session->camera_ = request.camera;
   CAIRN_ASSIGN_OR_RETURN(session->session_,
                          engine::Session::Create(engine::SessionOptions(), SourceOf(request), session->map_.get()));

@@ -24,6 +24,7 @@ class HostedSession {
   // As those of api::MapSession.
   absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame);
   absl::StatusOr<api::SessionSummary> Finish();
+  const std::string& map() const { return map_name_; }
   const Camera& camera() const { return camera_; }
   const api::SessionProgress& progress() const { return progress_; }
   const std::optional<api::SessionAnswer>& last_answer() const { return last_answer_; }
@@ -35,6 +36,7 @@ class HostedSession {
   const std::shared_ptr<engine::LiveMap> map_;  // outlives the session
   std::shared_ptr<engine::Subscription> changes_;
   std::unique_ptr<engine::Session> session_;
+  std::string map_name_;
   Camera camera_;
   FrameTimes times_;
   std::int64_t next_index_ = 0;

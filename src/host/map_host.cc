@@ -48,6 +48,7 @@ absl::Status MapHostOptions::Validate() const {
   if (workers < 0) return bad("workers must not be negative");
   if (max_waiting < 0) return bad("max_waiting must not be negative");
   if (max_sessions < 1) return bad("max_sessions must be at least 1");
+  if (max_client_sessions < 1) return bad("max_client_sessions must be at least 1");
   if (!(session_wait_s >= 0.0)) return bad("session_wait_s must not be negative");
   CAIRN_RETURN_IF_ERROR(tracker.Validate());
   return localizer.Validate();
@@ -69,7 +70,7 @@ MapHost::MapHost(const MapHostOptions& options)
     : options_(options),
       gate_(WorkersOf(options), options.max_waiting),
       localizer_(options.localizer),
-      sessions_(options.max_sessions, Seconds(options.session_wait_s)) {}
+      sessions_(options.max_sessions, options.max_client_sessions, Seconds(options.session_wait_s)) {}
 
 absl::StatusOr<std::string> MapHost::PathOf(const std::string& map) const {
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
@@ -326,7 +327,7 @@ absl::StatusOr<std::unique_ptr<api::MapSession>> MapHost::StartSession(const api
       }
       return HostedSession::Start(request, std::move(live));
     };
-    absl::StatusOr<std::unique_ptr<api::MapSession>> session = sessions_.Start(start);
+    absl::StatusOr<std::unique_ptr<api::MapSession>> session = sessions_.Start(request.client, start);
     if (!session.ok()) return Told(session.status());
     return session;
   });

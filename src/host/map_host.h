@@ -32,6 +32,7 @@ struct MapHostOptions {
   int workers = 0;                  // images that are located at the same time; 0: as many as there are processors
   int max_waiting = 64;             // ... and that wait for their turn; more are refused
   int max_sessions = 16;            // at the same time
+  int max_client_sessions = 8;      // ... of one client (api::SessionRequest::client)
   double session_wait_s = 60.0;  // a session that its client has let go of waits so long for it, and is then finished
   client::LocalLocalizerOptions localizer;
   client::LocalTrackerOptions tracker;

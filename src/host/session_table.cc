@@ -2,6 +2,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -17,6 +18,7 @@ class SessionTable::Lease final : public api::MapSession {
       : table_(table),
         token_(std::move(token)),
         entry_(std::move(entry)),
+        map_(entry_->session->map()),
         camera_(entry_->session->camera()),
         progress_(entry_->session->progress()),
         last_answer_(entry_->session->last_answer()) {}
@@ -25,6 +27,7 @@ class SessionTable::Lease final : public api::MapSession {
   }
 
   const std::string& token() const override { return token_; }
+  const std::string& map() const override { return map_; }
   const Camera& camera() const override { return camera_; }
   const std::optional<api::SessionAnswer>& last_answer() const override { return last_answer_; }
   const api::SessionProgress& progress() const override { return progress_; }
@@ -55,21 +58,34 @@ class SessionTable::Lease final : public api::MapSession {
   SessionTable* const table_;
   const std::string token_;
   std::shared_ptr<Entry> entry_;  // null: it has ended
+  const std::string map_;
   const Camera camera_;
   api::SessionProgress progress_;
   const std::optional<api::SessionAnswer> last_answer_;
 };
 
+// With the lock.
+absl::Status SessionTable::CheckRoom(const std::string& client) const {
+  if (static_cast<int>(entries_.size()) >= max_sessions_) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("there are ", max_sessions_, " sessions already, as many as this server takes"));
+  }
+  const auto of_client = std::ranges::count_if(entries_, [&](const auto& e) { return e.second->client == client; });
+  if (!client.empty() && of_client >= max_of_client_) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("you have ", max_of_client_, " sessions already, as many as one client may"));
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<std::unique_ptr<api::MapSession>> SessionTable::Start(
-    const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start) {
+    const std::string& client, const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start) {
   const std::string token = engine::NewMapId(std::nullopt);  // as hard to guess
   const auto entry = std::make_shared<Entry>();
+  entry->client = client;
   {
     const std::lock_guard lock(mutex_);
-    if (static_cast<int>(entries_.size()) >= max_sessions_) {
-      return absl::ResourceExhaustedError(
-          absl::StrCat("there are ", max_sessions_, " sessions already, as many as this server takes"));
-    }
+    CAIRN_RETURN_IF_ERROR(CheckRoom(client));
     entries_[token] = entry;
   }
   absl::StatusOr<std::unique_ptr<HostedSession>> session = Guarded(start);

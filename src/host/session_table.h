@@ -18,12 +18,14 @@ class SessionTable {
  public:
   using Clock = std::chrono::steady_clock;
 
-  // `wait`: for the client of a session that it has let go of.
-  SessionTable(int max_sessions, Clock::duration wait) : max_sessions_(max_sessions), wait_(wait) {}
+  // Of one client, unless it is nameless, too. `wait`: for the client of a session that it has let go of.
+  SessionTable(int max_sessions, int max_of_client, Clock::duration wait)
+      : max_sessions_(max_sessions), max_of_client_(max_of_client), wait_(wait) {}
 
-  // `start` is called unless there are too many (ResourceExhausted). The table must outlive what it gives out.
+  // `start` is called unless there are too many (ResourceExhausted), those included that wait for their clients. The
+  // table must outlive what it gives out.
   absl::StatusOr<std::unique_ptr<api::MapSession>> Start(
-      const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start);
+      const std::string& client, const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start);
   // As api::MapService::ResumeSession().
   absl::StatusOr<std::unique_ptr<api::MapSession>> Resume(const std::string& token);
 
@@ -38,6 +40,7 @@ class SessionTable {
 
  private:
   struct Entry {
+    std::string client;
     std::unique_ptr<HostedSession> session;  // null while it is being started; used by who holds it
     bool held = true;
     Clock::time_point released{};
@@ -48,7 +51,10 @@ class SessionTable {
   // It has ended: nobody can come back to it.
   void Remove(const std::string& token);
 
+  absl::Status CheckRoom(const std::string& client) const;
+
   const int max_sessions_;
+  const int max_of_client_;
   const Clock::duration wait_;
 
   mutable std::mutex mutex_;  // guards what follows

@@ -4,12 +4,17 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+
+#include "absl/strings/numbers.h"
 
 namespace cairn::wire {
 namespace {
 
 using Code = absl::StatusCode;
 using store::Fault;
+
+constexpr absl::string_view kRetryPayload = "cairn.wire.RetryAfter";
 
 constexpr std::array<ErrorKind, 28> kKinds = {{
     {"ok", Code::kOk, 200},
@@ -64,10 +69,24 @@ const ErrorKind& KindOf(const absl::Status& status) {
   return kind != nullptr ? *kind : KindOfCode(status.code());
 }
 
+absl::Status RetryLater(absl::string_view message, double retry_after_s) {
+  absl::Status status = absl::ResourceExhaustedError(message);
+  if (retry_after_s > 0.0) status.SetPayload(kRetryPayload, absl::Cord(absl::StrCat(retry_after_s)));
+  return status;
+}
+
+double RetryAfterOf(const absl::Status& status) {
+  const absl::optional<absl::Cord> payload = status.GetPayload(kRetryPayload);
+  double seconds = 0.0;
+  if (!payload || !absl::SimpleAtod(std::string(*payload), &seconds) || !std::isfinite(seconds)) return 0.0;
+  return std::max(0.0, seconds);
+}
+
 std::string DetailsOf(const absl::Status& status, absl::string_view request_id) {
   v1::ErrorDetail detail;
   detail.set_reason(std::string(KindOf(status).reason));
   detail.set_request_id(std::string(request_id));
+  detail.set_retry_after_s(RetryAfterOf(status));
   return detail.SerializeAsString();
 }
 
@@ -76,6 +95,7 @@ absl::Status StatusFrom(int code, absl::string_view message, const std::string& 
   if (code != 0 && !details.empty() && detail.ParseFromString(details)) {
     const ErrorKind* kind = Find([&](const ErrorKind& k) { return k.reason == detail.reason(); });
     if (kind != nullptr && kind->fault != Fault::kNone) return store::MakeFault(kind->fault, message);
+    if (code == static_cast<int>(Code::kResourceExhausted)) return RetryLater(message, detail.retry_after_s());
   }
   return {KindOfCode(static_cast<Code>(code)).code, message};
 }

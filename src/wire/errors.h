@@ -24,6 +24,11 @@ std::span<const ErrorKind> ErrorKinds();
 // By its fault if it has one, else by its code.
 const ErrorKind& KindOf(const absl::Status& status);
 
+// ResourceExhausted: it may be tried again after `retry_after_s`.
+absl::Status RetryLater(absl::string_view message, double retry_after_s);
+// Seconds; 0: the status does not say.
+double RetryAfterOf(const absl::Status& status);
+
 // The details that go with a status: a serialized cairn.v1.ErrorDetail.
 std::string DetailsOf(const absl::Status& status, absl::string_view request_id);
 

@@ -24,6 +24,16 @@ TEST(Errors, EachKindHasAReasonOfItsOwnAndSurvivesTheWay) {
   }
 }
 
+TEST(Errors, WhenToTryAgainSurvivesTheWay) {
+  const absl::Status status = RetryLater("too much", 1.5);
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(KindOf(status).reason, "resource_exhausted");
+  const absl::Status back = StatusFrom(static_cast<int>(status.code()), status.message(), DetailsOf(status, "1-2"));
+  EXPECT_EQ(RetryAfterOf(back), 1.5);
+  EXPECT_EQ(back, status);
+  EXPECT_EQ(RetryAfterOf(absl::ResourceExhaustedError("too much")), 0.0);
+}
+
 TEST(Errors, WhatAnotherVersionSendsIsStillAnError) {
   EXPECT_EQ(StatusFrom(5, "gone", "").code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(StatusFrom(5, "gone", "no proto \xff").code(), absl::StatusCode::kNotFound);

@@ -18,6 +18,7 @@
 #include "base/version.h"
 #include "server/daemon/daemon.h"
 #include "server/daemon/settings.h"
+#include "token_command.h"
 
 namespace cairn::server {
 namespace {
@@ -62,6 +63,7 @@ void AddOptions(CLI::App& app, const std::vector<Setting>& settings, CommandLine
       "Examples:\n"
       "  cairnd --maps maps/\n"
       "  cairnd --config cairnd.yaml --check-config\n"
+      "  cairnd --config cairnd.yaml token create robot_1 --maps 'office,lab*' --rights extend\n"
       "  cairn --server localhost:7878 localize photo.jpg --camera camera.yaml --map office");
 }
 
@@ -86,9 +88,7 @@ int Serve(const DaemonOptions& options, const sigset_t& signals) {
   std::cout << "cairnd " << kVersion << ": maps of " << options.maps.directory << ", gRPC on "
             << (*daemon)->grpc_address()
             << (!options.no_http ? absl::StrCat(", HTTP on ", (*daemon)->http_address()) : "") << std::endl;
-  if (!options.without_protection) {
-    std::cout << "  only this machine reaches it; cairnd --help says how to go beyond" << std::endl;
-  }
+  std::cout << "  " << options.ProtectionText() << std::endl;
   const timespec second{1, 0};
   int signal = -1;
   while (signal < 0) {
@@ -116,14 +116,26 @@ int Main(int argc, char** argv) {
   const std::vector<Setting> settings = SettingsOf(&options);
   CommandLine line;
   AddOptions(app, settings, &line);
+  TokenAction token_action;
+  const auto tokens_file = [&]() -> absl::StatusOr<std::string> {
+    CAIRN_RETURN_IF_ERROR(Apply(line, settings));
+    if (!options.access.tokens.empty()) return options.access.tokens;
+    return absl::InvalidArgumentError("name the file: --tokens FILE, or --config FILE that has the key `tokens`");
+  };
+  AddTokenCommand(app, tokens_file, &token_action);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     const int code = app.exit(error);
     return code == 0 ? kOk : kUsage;
   }
+  if (token_action) {
+    const absl::Status done = token_action();
+    return done.ok() ? kOk : Complain(done);
+  }
   absl::Status status = Apply(line, settings);
   if (status.ok()) status = options.Validate();
+  if (status.ok() && line.check_config) status = options.CheckFiles();
   if (!status.ok()) return Complain(status);
   if (line.check_config) {
     std::cout << "the settings are right\n";

@@ -1,0 +1,229 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "absl/strings/str_split.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "base/files.h"
+#include "server/access/authorized_maps.h"
+
+namespace cairn::server {
+namespace {
+
+using nlohmann::json;
+using testing::ElementsAre;
+
+class FakeSession : public api::MapSession {
+ public:
+  explicit FakeSession(std::string map) : map_(std::move(map)) {}
+  const std::string& token() const override { return token_; }
+  const std::string& map() const override { return map_; }
+  const Camera& camera() const override { return camera_; }
+  const std::optional<api::SessionAnswer>& last_answer() const override { return last_answer_; }
+  const api::SessionProgress& progress() const override { return progress_; }
+  absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& /*frame*/) override {
+    return api::SessionAnswer();
+  }
+  absl::StatusOr<api::SessionSummary> Finish() override { return api::SessionSummary(); }
+
+ private:
+  const std::string token_ = "session", map_;
+  const Camera camera_;
+  const std::optional<api::SessionAnswer> last_answer_;
+  const api::SessionProgress progress_;
+};
+
+class FakeTracker : public api::Tracker {
+ public:
+  absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& /*frame*/) override { return api::TrackAnswer(); }
+};
+
+// Has the maps office and secret, and notes which calls have reached it.
+class FakeMaps : public api::MapService {
+ public:
+  absl::StatusOr<std::vector<api::MapSummary>> List() override {
+    std::vector<api::MapSummary> maps(2);
+    maps[0].name = "office";
+    maps[1].name = "secret";
+    return maps;
+  }
+  absl::StatusOr<api::MapDescription> Describe(const std::string& map) override {
+    return Reach("describe", map, api::MapDescription());
+  }
+  absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& /*query*/) override {
+    return Reach("localize", map, api::LocalizeAnswer());
+  }
+  absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& /*camera*/) override {
+    return Reach("track", map, std::unique_ptr<api::Tracker>(new FakeTracker));
+  }
+  absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override {
+    client_ = request.client;
+    return Reach("start", request.map, std::unique_ptr<api::MapSession>(new FakeSession(request.map)));
+  }
+  absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override {
+    return std::unique_ptr<api::MapSession>(new FakeSession(token));
+  }
+  // By "call map".
+  std::set<std::string> reached_;
+  std::string client_;
+
+ private:
+  template <class Answer>
+  absl::StatusOr<Answer> Reach(const std::string& call, const std::string& map, Answer answer) {
+    reached_.insert(call + " " + map);
+    if (map != "office" && map != "secret") return absl::NotFoundError("there is no such map");
+    return answer;
+  }
+};
+
+class AccessTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = testing::TempDir() + "/access_test_" + std::to_string(getpid());
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directory(folder_);
+    options_.tokens = folder_ + "/tokens.json";
+    options_.audit_log = folder_ + "/audit.jsonl";
+    const auto token = [&](const std::string& name, std::vector<std::string> maps, Right right) {
+      Token wanted;
+      wanted.name = name;
+      wanted.maps = std::move(maps);
+      wanted.right = right;
+      return *CreateToken(options_.tokens, wanted, absl::ToUnixSeconds(absl::Now()));
+    };
+    reader_ = token("reader", {"office", "hall*"}, Right::kRead);
+    robot_ = token("robot", {"office"}, Right::kExtend);
+    access_ = *Access::Open(options_);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  AuthorizedMaps As(const std::string& secret) {
+    Caller caller;
+    caller.peer = "192.0.2.7";
+    caller.authorization = "Bearer " + secret;
+    Client client = *access_->Identify(caller);
+    client.request_id = "r1";
+    return {&maps_, access_.get(), client};
+  }
+  std::vector<json> Audit() const {
+    std::vector<json> lines;
+    const std::string text = *ReadWholeFile(options_.audit_log);
+    for (const absl::string_view line : absl::StrSplit(text, '\n', absl::SkipEmpty())) {
+      lines.push_back(json::parse(std::string(line)));
+    }
+    return lines;
+  }
+  api::SessionRequest Request(const std::string& map) const {
+    api::SessionRequest request;
+    request.map = map;
+    return request;
+  }
+
+  std::string folder_, reader_, robot_;
+  AccessOptions options_;
+  std::unique_ptr<Access> access_;
+  FakeMaps maps_;
+};
+
+TEST_F(AccessTest, WithoutATokenNobodyIsKnown) {
+  for (const std::string& authorization : {std::string(), std::string("Bearer"), "Basic " + reader_,
+                                           "Bearer x" + reader_, "Bearer " + reader_.substr(0, 20), reader_}) {
+    Caller caller;
+    caller.authorization = authorization;
+    EXPECT_EQ(access_->Identify(caller).status().code(), absl::StatusCode::kUnauthenticated) << authorization;
+  }
+  Caller caller;
+  caller.authorization = "bearer  " + reader_;
+  EXPECT_EQ(access_->Identify(caller)->token_name, "reader");
+}
+
+TEST_F(AccessTest, AMapThatMayNotBeReadIsAsOneThatIsNotThere) {
+  AuthorizedMaps reader = As(reader_);
+  EXPECT_TRUE(reader.Describe("office").ok());
+  EXPECT_EQ(reader.Describe("hall_2").status().code(), absl::StatusCode::kNotFound) << "may be told of it";
+  const absl::Status secret = reader.Describe("secret").status(), none = reader.Describe("none").status();
+  EXPECT_EQ(secret.code(), absl::StatusCode::kPermissionDenied);
+  EXPECT_EQ(secret, none);
+  EXPECT_EQ(reader.Localize("secret", {}).status(), secret);
+  EXPECT_EQ(reader.NewTracker("secret", {}).status(), secret);
+  EXPECT_EQ(reader.Describe("../office").status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(maps_.reached_, ElementsAre("describe hall_2", "describe office"));
+  const auto listed = *reader.List();
+  ASSERT_EQ(listed.size(), 1u);
+  EXPECT_EQ(listed[0].name, "office");
+}
+
+TEST_F(AccessTest, ToExtendTakesMoreThanToRead) {
+  EXPECT_EQ(As(reader_).StartSession(Request("office")).status().code(), absl::StatusCode::kPermissionDenied);
+  EXPECT_EQ(As(reader_).ResumeSession("office").status().code(), absl::StatusCode::kPermissionDenied);
+  EXPECT_EQ(As(robot_).StartSession(Request("secret")).status().code(), absl::StatusCode::kPermissionDenied);
+  EXPECT_EQ(As(robot_).ResumeSession("secret").status().code(), absl::StatusCode::kPermissionDenied);
+  EXPECT_TRUE(maps_.reached_.empty());
+  EXPECT_TRUE(As(robot_).Localize("office", {}).ok()) << "extend includes read";
+  const auto session = As(robot_).StartSession(Request("office"));
+  ASSERT_TRUE(session.ok()) << session.status();
+  EXPECT_EQ(maps_.client_, "token robot");
+  EXPECT_TRUE((*session)->AddFrame({}).ok());
+  EXPECT_TRUE(As(robot_).ResumeSession("office").ok());
+}
+
+TEST_F(AccessTest, ARevokedTokenEndsWhatItBegan) {
+  const auto session = *As(robot_).StartSession(Request("office"));
+  const auto tracker = *As(robot_).NewTracker("office", {});
+  EXPECT_TRUE(session->AddFrame({}).ok() && tracker->Track({}).ok());
+  ASSERT_TRUE(RevokeToken(options_.tokens, "robot").ok());
+  EXPECT_EQ(session->AddFrame({}).status().code(), absl::StatusCode::kUnauthenticated);
+  EXPECT_EQ(session->Finish().status().code(), absl::StatusCode::kUnauthenticated);
+  EXPECT_EQ(tracker->Track({}).status().code(), absl::StatusCode::kUnauthenticated);
+}
+
+TEST_F(AccessTest, ChangesAreWrittenDownWithWhoMadeThemAndSoAreAttempts) {
+  AuthorizedMaps robot = As(robot_), reader = As(reader_);
+  EXPECT_TRUE((*robot.StartSession(Request("office")))->Finish().ok());
+  EXPECT_FALSE(reader.StartSession(Request("office")).ok());
+  EXPECT_TRUE(robot.Describe("office").ok()) << "changes nothing";
+  const std::vector<json> lines = Audit();
+  ASSERT_EQ(lines.size(), 3u);
+  EXPECT_EQ(lines[0]["action"], "session_started");
+  EXPECT_EQ(lines[0]["token"], "robot");
+  EXPECT_EQ(lines[0]["peer"], "192.0.2.7");
+  EXPECT_EQ(lines[0]["map"], "office");
+  EXPECT_EQ(lines[0]["request"], "r1");
+  EXPECT_EQ(lines[0]["outcome"], "ok");
+  EXPECT_EQ(lines[1]["action"], "session_finished");
+  EXPECT_EQ(lines[1]["details"]["frames"], 0);
+  EXPECT_EQ(lines[2]["token"], "reader");
+  EXPECT_EQ(lines[2]["outcome"], "permission_denied");
+}
+
+TEST_F(AccessTest, ALogThatWasMovedAwayIsMadeAnew) {
+  EXPECT_FALSE(As(reader_).StartSession(Request("office")).ok());
+  std::filesystem::rename(options_.audit_log, options_.audit_log + ".1");
+  EXPECT_FALSE(As(reader_).StartSession(Request("office")).ok());
+  EXPECT_EQ(Audit().size(), 1u);
+  options_.audit_log = folder_ + "/none/audit.jsonl";
+  EXPECT_EQ(Access::Open(options_).status().code(), absl::StatusCode::kFailedPrecondition);
+}
+
+// Where no tokens are asked for, this machine's own clients may do what they like.
+TEST_F(AccessTest, WithoutTokensClientsAreCountedByAddress) {
+  options_.tokens = "";
+  access_ = *Access::Open(options_);
+  Caller caller;
+  for (const char* local : {"unix", "127.0.0.1", "127.8.0.1", "::1", "::ffff:127.0.0.1"}) {
+    caller.peer = local;
+    EXPECT_EQ(access_->Identify(caller)->limited_as, "") << local;
+  }
+  caller.peer = "192.0.2.7";
+  EXPECT_EQ(access_->Identify(caller)->limited_as, "peer 192.0.2.7");
+  EXPECT_TRUE(access_->Require(*access_->Identify(caller), Right::kAdmin, "*").ok());
+}
+
+}  // namespace
+}  // namespace cairn::server

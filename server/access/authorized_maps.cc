@@ -1,0 +1,125 @@
+#include "server/access/authorized_maps.h"
+
+#include "absl/strings/str_format.h"
+
+namespace cairn::server {
+namespace {
+
+class AuthorizedTracker final : public api::Tracker {
+ public:
+  AuthorizedTracker(std::unique_ptr<api::Tracker> tracker, std::string map, Access* access, Client client)
+      : tracker_(std::move(tracker)), map_(std::move(map)), access_(*access), client_(std::move(client)) {}
+
+  absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override {
+    CAIRN_RETURN_IF_ERROR(access_.Require(client_, Right::kRead, map_));
+    return tracker_->Track(frame);
+  }
+
+ private:
+  const std::unique_ptr<api::Tracker> tracker_;
+  const std::string map_;
+  Access& access_;
+  const Client client_;
+};
+
+class AuthorizedSession final : public api::MapSession {
+ public:
+  AuthorizedSession(std::unique_ptr<api::MapSession> session, Access* access, Client client)
+      : session_(std::move(session)), access_(*access), client_(std::move(client)) {}
+
+  const std::string& token() const override { return session_->token(); }
+  const std::string& map() const override { return session_->map(); }
+  const Camera& camera() const override { return session_->camera(); }
+  const std::optional<api::SessionAnswer>& last_answer() const override { return session_->last_answer(); }
+  const api::SessionProgress& progress() const override { return session_->progress(); }
+
+  absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame) override {
+    CAIRN_RETURN_IF_ERROR(access_.Require(client_, Right::kExtend, map()));
+    return session_->AddFrame(frame);
+  }
+  absl::StatusOr<api::SessionSummary> Finish() override {
+    const auto finish = [&]() -> absl::StatusOr<api::SessionSummary> {
+      CAIRN_RETURN_IF_ERROR(access_.Require(client_, Right::kExtend, map()));
+      return session_->Finish();
+    };
+    absl::StatusOr<api::SessionSummary> summary = finish();
+    std::string details = absl::StrFormat(R"({"session":%d)", session_->progress().session.value());
+    if (summary.ok()) {
+      absl::StrAppendFormat(&details, R"(,"frames":%d,"revision":%d)", summary->frames, summary->revision);
+    }
+    access_.Record(client_, {"session_finished", map(), details + "}"}, summary.status());
+    return summary;
+  }
+
+ private:
+  const std::unique_ptr<api::MapSession> session_;
+  Access& access_;
+  const Client client_;
+};
+
+std::string SessionDetails(const api::MapSession& session) {
+  return absl::StrFormat(R"({"session":%d})", session.progress().session.value());
+}
+
+}  // namespace
+
+absl::Status AuthorizedMaps::Require(Right right, const std::string& map) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  return access_.Require(client_, right, map);
+}
+
+absl::StatusOr<std::vector<api::MapSummary>> AuthorizedMaps::List() {
+  CAIRN_ASSIGN_OR_RETURN(std::vector<api::MapSummary> maps, maps_.List());
+  absl::Status failed;  // of the tokens as a whole, not of one map
+  std::erase_if(maps, [&](const api::MapSummary& map) {
+    const absl::Status allowed = access_.Require(client_, Right::kRead, map.name);
+    if (!allowed.ok() && !absl::IsPermissionDenied(allowed)) failed = allowed;
+    return !allowed.ok();
+  });
+  CAIRN_RETURN_IF_ERROR(failed);
+  return maps;
+}
+
+absl::StatusOr<api::MapDescription> AuthorizedMaps::Describe(const std::string& map) {
+  CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
+  return maps_.Describe(map);
+}
+
+absl::StatusOr<api::LocalizeAnswer> AuthorizedMaps::Localize(const std::string& map, const api::LocalizeQuery& query) {
+  CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
+  return maps_.Localize(map, query);
+}
+
+absl::StatusOr<std::unique_ptr<api::Tracker>> AuthorizedMaps::NewTracker(const std::string& map, const Camera& camera) {
+  CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<api::Tracker> tracker, maps_.NewTracker(map, camera));
+  return std::make_unique<AuthorizedTracker>(std::move(tracker), map, &access_, client_);
+}
+
+absl::StatusOr<std::unique_ptr<api::MapSession>> AuthorizedMaps::StartSession(const api::SessionRequest& request) {
+  const bool creates = request.policy == map::SessionPolicy::kCreate;
+  const auto start = [&]() -> absl::StatusOr<std::unique_ptr<api::MapSession>> {
+    CAIRN_RETURN_IF_ERROR(Require(Right::kExtend, request.map));
+    api::SessionRequest by_client = request;
+    by_client.client = client_.limited_as;
+    return maps_.StartSession(by_client);
+  };
+  absl::StatusOr<std::unique_ptr<api::MapSession>> session = start();
+  access_.Record(client_,
+                 {creates ? "session_started_new_map" : "session_started", request.map,
+                  session.ok() ? SessionDetails(**session) : ""},
+                 session.status());
+  CAIRN_RETURN_IF_ERROR(session.status());
+  return std::make_unique<AuthorizedSession>(*std::move(session), &access_, client_);
+}
+
+absl::StatusOr<std::unique_ptr<api::MapSession>> AuthorizedMaps::ResumeSession(const std::string& token) {
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<api::MapSession> session, maps_.ResumeSession(token));
+  // One that may not has it for a moment, and changes nothing.
+  const absl::Status allowed = access_.Require(client_, Right::kExtend, session->map());
+  access_.Record(client_, {"session_resumed", session->map(), SessionDetails(*session)}, allowed);
+  CAIRN_RETURN_IF_ERROR(allowed);
+  return std::make_unique<AuthorizedSession>(std::move(session), &access_, client_);
+}
+
+}  // namespace cairn::server

@@ -1,0 +1,60 @@
+// The maps as one client may use them: the one place where a call needs a right. Whoever adds a call to
+// api::MapService says here which right it needs (Require), and whether it is a change that is written down (Changing);
+// it does not compile otherwise.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "api/map_service.h"
+#include "base/status.h"
+#include "server/access/access.h"
+
+namespace cairn::server {
+
+class AuthorizedMaps final : public api::MapService {
+ public:
+  // Both must outlive this and what it gives out.
+  AuthorizedMaps(api::MapService* maps, Access* access, Client client)
+      : maps_(*maps), access_(*access), client_(std::move(client)) {}
+
+  // Only those that the client may read.
+  absl::StatusOr<std::vector<api::MapSummary>> List() override;
+  absl::StatusOr<api::MapDescription> Describe(const std::string& map) override;
+  absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
+  // The right is asked for again with every frame: a token that was revoked ends what it began.
+  absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override;
+  absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
+  absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override;
+
+ private:
+  // PermissionDenied before anybody looks whether there is such a map; InvalidArgument for what is no name.
+  absl::Status Require(Right right, const std::string& map);
+
+  // A change of one map: asks for the right, makes it, and writes down how it went, in the audit log. `change` returns
+  // a Status or a StatusOr.
+  template <class Function>
+  auto Changing(Right right, const std::string& action, const std::string& map, Function&& change)
+      -> decltype(change()) {
+    const auto allowed_change = [&]() -> decltype(change()) {
+      CAIRN_RETURN_IF_ERROR(Require(right, map));
+      return change();
+    };
+    auto outcome = allowed_change();
+    access_.Record(client_, {action, map, ""}, StatusOf(outcome));
+    return outcome;
+  }
+  static const absl::Status& StatusOf(const absl::Status& status) { return status; }
+  template <class T>
+  static const absl::Status& StatusOf(const absl::StatusOr<T>& result) {
+    return result.status();
+  }
+
+  api::MapService& maps_;
+  Access& access_;
+  const Client client_;
+};
+
+}  // namespace cairn::server

@@ -1,0 +1,112 @@
+#include "token_command.h"
+
+#include <iostream>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "server/access/tokens.h"
+
+namespace cairn::server {
+namespace {
+
+using FileOf = std::function<absl::StatusOr<std::string>()>;
+
+struct CreateOptions {
+  std::string name, maps, rights = "read", expires;
+};
+
+std::string DayOf(std::int64_t unix_s) {
+  return absl::FormatTime("%Y-%m-%d %H:%M", absl::FromUnixSeconds(unix_s), absl::UTCTimeZone());
+}
+
+// "90d": so many days from now; "2027-01-31": the start of that day, "2027-01-31T12:00:00Z": that moment, UTC.
+absl::StatusOr<std::int64_t> ExpiryOf(const std::string& text, absl::Time now) {
+  absl::string_view days = text;
+  int count = 0;
+  if (absl::ConsumeSuffix(&days, "d") && absl::SimpleAtoi(days, &count) && count > 0 && count <= 36500) {
+    return absl::ToUnixSeconds(now + count * absl::Hours(24));
+  }
+  absl::Time time;
+  std::string error;
+  for (const char* format : {"%Y-%m-%d", "%Y-%m-%dT%H:%M:%S%Ez"}) {
+    if (absl::ParseTime(format, text, absl::UTCTimeZone(), &time, &error)) return absl::ToUnixSeconds(time);
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("--expires: give days (90d) or a day (2027-01-31), not \"", text, "\""));
+}
+
+absl::Status Create(const FileOf& file, const CreateOptions& options) {
+  const absl::Time now = absl::Now();
+  Token token;
+  token.name = options.name;
+  CAIRN_ASSIGN_OR_RETURN(token.right, ParseRight(options.rights));
+  token.maps = absl::StrSplit(options.maps, ',');
+  if (!options.expires.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(token.expires_unix_s, ExpiryOf(options.expires, now));
+  }
+  CAIRN_ASSIGN_OR_RETURN(const std::string path, file());
+  CAIRN_ASSIGN_OR_RETURN(const std::string secret, CreateToken(path, token, absl::ToUnixSeconds(now)));
+  std::cout << secret << "\n";
+  std::cerr << "token " << token.name << ": " << RightName(token.right) << " of " << absl::StrJoin(token.maps, ", ")
+            << ". Keep it now: " << path << " has a hash of it only\n";
+  return absl::OkStatus();
+}
+
+absl::Status List(const FileOf& file) {
+  CAIRN_ASSIGN_OR_RETURN(const std::string path, file());
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<Token> tokens, ReadTokens(path));
+  const std::int64_t now = absl::ToUnixSeconds(absl::Now());
+  std::cout << absl::StreamFormat("%-24s %-8s %-17s %-17s %s\n", "NAME", "RIGHTS", "CREATED", "EXPIRES", "MAPS");
+  for (const Token& token : tokens) {
+    std::string expires = token.expires_unix_s ? DayOf(*token.expires_unix_s) : "never";
+    if (token.Expired(now)) expires = "expired";
+    std::cout << absl::StreamFormat("%-24s %-8s %-17s %-17s %s\n", token.name, RightName(token.right),
+                                    DayOf(token.created_unix_s), expires, absl::StrJoin(token.maps, ","));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddTokenCommand(CLI::App& app, std::function<absl::StatusOr<std::string>()> tokens_file, TokenAction* action) {
+  CLI::App* const token = app.add_subcommand("token", "Who may do what with which maps: create, list, revoke");
+  token->require_subcommand(1);
+  token->fallthrough();  // --tokens and --config are the server's own
+  const auto file = std::make_shared<FileOf>(std::move(tokens_file));
+
+  CLI::App* const create = token->add_subcommand("create", "Makes one and prints it, once");
+  create->fallthrough();
+  const auto options = std::make_shared<CreateOptions>();
+  create->add_option("NAME", options->name, "Of the token, in lists and logs: a robot's, a person's")->required();
+  create->add_option("--maps", options->maps, "Names of maps, with commas; * stands for any characters: 'office,lab*'")
+      ->required();
+  create->add_option("--rights", options->rights, "read, extend (read, and sessions that add), or admin (everything)")
+      ->default_str("read");
+  create->add_option("--expires", options->expires, "After so many days (90d), or on a day (2027-01-31, UTC)");
+  create->callback([=] { *action = [=] { return Create(*file, *options); }; });
+
+  CLI::App* const list = token->add_subcommand("list", "All of them");
+  list->fallthrough();
+  list->callback([=] { *action = [=] { return List(*file); }; });
+
+  CLI::App* const revoke = token->add_subcommand("revoke", "Ends one at once, also at servers that are running");
+  revoke->fallthrough();
+  const auto name = std::make_shared<std::string>();
+  revoke->add_option("NAME", *name, "Of the token")->required();
+  revoke->callback([=] {
+    *action = [=]() -> absl::Status {
+      CAIRN_ASSIGN_OR_RETURN(const std::string path, (*file)());
+      return RevokeToken(path, *name);
+    };
+  });
+}
+
+}  // namespace cairn::server

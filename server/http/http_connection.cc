@@ -1,0 +1,188 @@
+#include "server/http/http_connection.h"
+
+#include <boost/asio/post.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/ssl.hpp>
+#include <string>
+#include <type_traits>
+
+#include "base/version.h"
+#include "server/http/http_api.h"
+
+namespace cairn::server {
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+using boost::system::error_code;
+using tcp = asio::ip::tcp;
+using TlsStream = beast::ssl_stream<beast::tcp_stream>;
+
+HttpResponse TooLarge() {
+  HttpResponse response = ErrorResponse(absl::InvalidArgumentError("the body is too large"), "");
+  response.status = 413;
+  return response;
+}
+
+template <class Stream>
+class Connection final : public HttpConnection, public std::enable_shared_from_this<Connection<Stream>> {
+ public:
+  static constexpr bool kTls = std::is_same_v<Stream, TlsStream>;
+
+  // `stream`: what a stream is made of.
+  template <class... Arguments>
+  Connection(std::shared_ptr<HttpConnections> shared, std::string peer, Arguments&&... stream)
+      : shared_(std::move(shared)), peer_(std::move(peer)), stream_(std::forward<Arguments>(stream)...) {
+    const std::lock_guard lock(shared_->mutex);
+    shared_->connections.insert(this);
+  }
+  ~Connection() override {
+    const std::lock_guard lock(shared_->mutex);
+    shared_->connections.erase(this);
+  }
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  void Close() override {
+    error_code ignored;
+    Tcp().socket().shutdown(tcp::socket::shutdown_both, ignored);
+  }
+
+  void Start() {
+    if constexpr (kTls) {
+      Tcp().expires_after(shared_->options.timeout);
+      stream_.async_handshake(asio::ssl::stream_base::server, [self = this->shared_from_this()](error_code error) {
+        if (error) return self->Close();
+        self->Read();
+      });
+    } else {
+      Read();
+    }
+  }
+
+ private:
+  beast::tcp_stream& Tcp() { return beast::get_lowest_layer(stream_); }
+
+  void Read() {
+    parser_.emplace();
+    parser_->body_limit(static_cast<std::uint64_t>(shared_->options.max_body_bytes));
+    parser_->header_limit(static_cast<std::uint32_t>(shared_->options.max_header_bytes));
+    Tcp().expires_after(shared_->options.timeout);
+    http::async_read_header(
+        stream_, buffer_, *parser_,
+        [self = this->shared_from_this()](error_code error, std::size_t) { self->OnHeader(error); });
+  }
+
+  void OnHeader(error_code error) {
+    if (error) return OnFailure(error);
+    if (parser_->get()[http::field::expect] != "100-continue") return ReadBody();
+    // The client asks before it sends the rest.
+    go_on_.emplace(http::status::continue_, parser_->get().version());
+    http::async_write(stream_, *go_on_, [self = this->shared_from_this()](error_code write_error, std::size_t) {
+      if (write_error) return self->Close();
+      self->ReadBody();
+    });
+  }
+
+  void ReadBody() {
+    http::async_read(stream_, buffer_, *parser_,
+                     [self = this->shared_from_this()](error_code error, std::size_t) { self->OnRequest(error); });
+  }
+
+  void OnRequest(error_code error) {
+    if (error) return OnFailure(error);
+    Tcp().expires_never();
+    SetWorking(true);
+    asio::post(shared_->workers, [self = this->shared_from_this()] {
+      HttpResponse response = self->Handled();
+      asio::post(self->shared_->io, [self, response = std::move(response)]() mutable {
+        self->Write(std::move(response), self->parser_->get().keep_alive() && !self->shared_->stopping);
+      });
+    });
+  }
+
+  HttpResponse Handled() {
+    http::request<http::string_body>& received = parser_->get();
+    HttpRequest request;
+    request.method = std::string(received.method_string());
+    request.path = std::string(received.target().substr(0, received.target().find('?')));
+    request.content_type = std::string(received[http::field::content_type]);
+    request.body = std::move(received.body());
+    request.peer = peer_;
+    request.authorization = std::string(received[http::field::authorization]);
+    request.request_id = std::string(received["X-Request-Id"]);
+    request.origin = std::string(received[http::field::origin]);
+    return shared_->handler(request);
+  }
+
+  // What is no HTTP, or too large, is told so; a client that is gone or too slow is not.
+  void OnFailure(error_code error) {
+    if (error == http::error::body_limit || error == http::error::header_limit) return Write(TooLarge(), false);
+    const bool malformed = error.category() == make_error_code(http::error::bad_method).category();
+    if (!malformed || error == http::error::end_of_stream || error == http::error::partial_message) return Close();
+    Write(ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this is no HTTP request: ", error.message())), ""),
+          false);
+  }
+
+  void Write(HttpResponse&& answer, bool keep_alive) {
+    const bool head = parser_->is_header_done() && parser_->get().method() == http::verb::head;
+    answer_.emplace(static_cast<http::status>(answer.status), 11);
+    answer_->set(http::field::server, std::string("cairnd/") + kVersion);
+    answer_->set(http::field::content_type, answer.content_type);
+    for (const auto& [name, value] : answer.headers) answer_->set(name, value);
+    answer_->keep_alive(keep_alive);
+    answer_->content_length(answer.body.size());
+    if (!head) answer_->body() = std::move(answer.body);
+    Tcp().expires_after(shared_->options.timeout);
+    http::async_write(stream_, *answer_, [self = this->shared_from_this(), keep_alive](error_code error, std::size_t) {
+      self->SetWorking(false);
+      if (error) return self->Close();
+      if (!keep_alive) return self->End();
+      self->Read();
+    });
+  }
+
+  // The client is told that this was all.
+  void End() {
+    if constexpr (kTls) {
+      stream_.async_shutdown([self = this->shared_from_this()](error_code) { self->Close(); });
+    } else {
+      Close();
+    }
+  }
+
+  void SetWorking(bool working) {
+    const std::lock_guard lock(shared_->mutex);
+    if (working_ == working) return;
+    working_ = working;
+    shared_->working += working ? 1 : -1;
+    if (!working) shared_->idle.notify_all();
+  }
+
+  const std::shared_ptr<HttpConnections> shared_;
+  const std::string peer_;
+  Stream stream_;
+  beast::flat_buffer buffer_;
+  std::optional<http::request_parser<http::string_body>> parser_;
+  std::optional<http::response<http::empty_body>> go_on_;
+  std::optional<http::response<http::string_body>> answer_;
+  bool working_ = false;  // with the lock of shared_
+};
+
+}  // namespace
+
+void ServeConnection(tcp::socket socket, const std::shared_ptr<HttpConnections>& shared) {
+  error_code gone;
+  const tcp::endpoint peer = socket.remote_endpoint(gone);
+  if (gone) return;
+  const std::string address = peer.address().to_string();
+  if (shared->tls) {
+    std::make_shared<Connection<TlsStream>>(shared, address, std::move(socket), *shared->tls)->Start();
+  } else {
+    std::make_shared<Connection<beast::tcp_stream>>(shared, address, std::move(socket))->Start();
+  }
+}
+
+}  // namespace cairn::server
