@@ -30,12 +30,15 @@ ALLOWED = {
     'synth': ['io'],
     'eval': ['io'],
     'plot': ['io'],
-    'cli': ['client', 'engine', 'health', 'host', 'io', 'synth', 'eval', 'plot'],
+    'text': ['base'],
+    'inspect': ['tracking', 'store'],
+    'exchange': ['io', 'inspect'],
+    'cli': ['client', 'engine', 'health', 'host', 'inspect', 'exchange', 'io', 'synth', 'eval', 'plot', 'text'],
 }
 # Headers of a module that another may include although the module as a whole is closed to it.
 ONLY_HEADERS = {('mapping', 'direct'): {'direct/packet.h'}}
 FOLDERS = {**{name: f'src/{name}' for name in ALLOWED}, 'cairn': 'client/include', 'client': 'client', 'server': 'server', 'synth': 'tools/synth', 'eval': 'tools/eval',
-           'plot': 'tools/plot', 'cli': 'tools/cli'}
+           'plot': 'tools/plot', 'text': 'tools/text', 'cli': 'tools/cli'}
 INCLUDE = re.compile(r'^\s*#include\s+"([a-z_]+)/')
 # What public headers may include: each other, the standard library, Abseil's Status; conversions.h also what it converts.
 PUBLIC_INCLUDE = re.compile(r'^\s*#\s*include\s+("cairn/[a-z_]+\.h"|<[a-z_]+(\.h)?>|<absl/status/status(or)?\.h>)')

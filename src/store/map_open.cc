@@ -112,6 +112,14 @@ absl::Status CheckSchema(Database* database, bool views, const FindingSink& sink
   return absl::OkStatus();
 }
 
+std::string LeftoverNote(const std::string& path, bool writing) {
+  const std::string fresh = absl::StrCat(path, kNewSuffix);
+  if (!HasContent(fresh) || (!writing && WriterLock::IsHeld(path))) return "";
+  return absl::StrCat(fresh,
+                      " is a map that was to replace this one when its writer was killed: it is whole up to its last "
+                      "change. Move it to another name to use it, or delete it");
+}
+
 std::string FileStamp(const std::string& path) {
   struct stat info {};
   if (stat(path.c_str(), &info) != 0) return "gone";

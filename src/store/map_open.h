@@ -27,6 +27,10 @@ absl::StatusOr<std::unique_ptr<Database>> OpenForReading(const std::string& path
 // Tells versions of a file apart: changes whenever it is written or gets a write-ahead log.
 std::string FileStamp(const std::string& path);
 
+// What to tell of a map that was to replace the one at `path` and was left beside it by a killed writer; empty if there
+// is none. `writing`: the caller holds the right to write.
+std::string LeftoverNote(const std::string& path, bool writing);
+
 // Pragmas of a writing connection.
 absl::Status PrepareForWriting(Database* database, const WriteOptions& options);
 

@@ -122,7 +122,7 @@ absl::Status MapReader::ReadInfo() {
   return rows == 1 ? absl::OkStatus() : Report("map", 0, absl::StrCat("there are ", rows, " good rows instead of one"));
 }
 
-absl::Status MapReader::ReadEntities() {
+absl::Status MapReader::ReadDescription() {
   CAIRN_RETURN_IF_ERROR(ReadTable<map::MapCamera>(
       kCamerasTable, [&](map::MapCamera&& value) { content_.cameras.push_back(std::move(value)); }));
   CAIRN_RETURN_IF_ERROR(ReadLenses());
@@ -133,6 +133,11 @@ absl::Status MapReader::ReadEntities() {
     CAIRN_RETURN_IF_ERROR(ReadTable<map::Component>(
         kComponentsTable, [&](map::Component&& value) { content_.components.push_back(std::move(value)); }));
   }
+  return absl::OkStatus();
+}
+
+absl::Status MapReader::ReadEntities() {
+  CAIRN_RETURN_IF_ERROR(ReadDescription());
   CAIRN_RETURN_IF_ERROR(ReadTable<map::Keyframe>(kKeyframesTable, [&](map::Keyframe&& value) {
     keyframes_.push_back(std::make_shared<map::Keyframe>(std::move(value)));
   }));

@@ -40,6 +40,9 @@ class MapReader {
 
   // The format, and table map.
   absl::Status ReadInfo();
+  // Cameras with their lenses, sessions with their loops and trajectories, components: what is few whatever the size of
+  // the map. Is part of ReadEntities().
+  absl::Status ReadDescription();
   // Every other table but the vocabulary and the log of changes.
   absl::Status ReadEntities();
   // These two.
@@ -49,6 +52,8 @@ class MapReader {
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> Assemble();
 
   const MapRow& map_row() const { return map_row_; }
+  // After ReadDescription(): no keyframes and points are in it.
+  const map::Delta& content() const { return content_; }
   std::int64_t format() const { return format_; }
 
  private:

@@ -123,11 +123,8 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(con
 }
 
 void SqliteMapStore::NoteLeftovers() {
-  const std::string fresh = absl::StrCat(resolved_, kNewSuffix);
-  if (!HasContent(fresh) || (lock_ == nullptr && WriterLock::IsHeld(resolved_))) return;
-  notes_.push_back(absl::StrCat(fresh,
-                                " is a map that was to replace this one when its writer was killed: it is whole up to "
-                                "its last change. Move it to another name to use it, or delete it"));
+  const std::string note = LeftoverNote(resolved_, lock_ != nullptr);
+  if (!note.empty()) notes_.push_back(note);
 }
 
 absl::Status SqliteMapStore::Close() {

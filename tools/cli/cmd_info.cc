@@ -1,9 +1,12 @@
 // cairn info: what is in a map.
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
 
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
 #include "cli/described_map.h"
@@ -12,11 +15,19 @@
 #include "cli/session_report.h"
 #include "cli/unix_time.h"
 #include "health/map_vocabulary.h"
+#include "store/map_overview.h"
 #include "store/map_store.h"
 #include "store/writer_lock.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
+
+using text::Shown;
+using text::Wrapped;
+
+// Of components, cameras, sessions: all of it fits one screen.
+constexpr std::size_t kListed = 4;
 
 struct InfoOptions {
   std::string map;
@@ -27,150 +38,212 @@ struct InfoOptions {
   bool json = false;
 };
 
-// Of all keyframes: features, features with a point, and neighbours in the covisibility graph.
-struct Means {
-  double features = 0.0;
-  double matched = 0.0;
-  double neighbours = 0.0;
-};
-
-Means ComputeMeans(const map::Snapshot& map) {
-  Means means;
-  map.keyframes().ForEach([&](const auto& keyframe) {
-    means.features += static_cast<double>(keyframe->points.size());
-    for (const PointId point : keyframe->points) means.matched += point ? 1.0 : 0.0;
-    for (const map::CovisibilityEdge& edge : keyframe->covisible) {
-      means.neighbours += edge.shared_points >= map::kMinCovisiblePoints ? 1.0 : 0.0;
-    }
-  });
-  const double count = std::max<double>(1.0, static_cast<double>(map.keyframes().size()));
-  return {means.features / count, means.matched / count, means.neighbours / count};
-}
-
-double MeanObservations(const map::Snapshot& map) {
-  double sum = 0.0;
-  map.points().ForEach([&](const auto& point) { sum += static_cast<double>(point->observations.size()); });
-  return map.points().empty() ? 0.0 : sum / static_cast<double>(map.points().size());
-}
-
 nlohmann::ordered_json IdsAsJson(const std::vector<ComponentId>& ids) {
   nlohmann::ordered_json json = nlohmann::ordered_json::array();
   for (const ComponentId id : ids) json.push_back(id.value());
   return json;
 }
 
-nlohmann::ordered_json Describe(const map::Snapshot& map, std::uintmax_t bytes, bool being_written) {
-  const Means means = ComputeMeans(map);
-  nlohmann::ordered_json cameras = nlohmann::ordered_json::array(), sessions = nlohmann::ordered_json::array();
-  for (const auto& [id, camera] : map.cameras()) {
-    cameras.push_back(
-        {{"id", id.value()}, {"name", camera.name}, {"model", camera.model.Describe()}, {"lens", LensAsJson(camera)}});
+double Percent(std::int64_t bytes, std::int64_t of) {
+  return of == 0 ? 0.0 : std::round(1000.0 * static_cast<double>(bytes) / static_cast<double>(of)) / 10.0;
+}
+
+// A session with what its keyframes say of it.
+struct ToldSession {
+  const map::Session* session = nullptr;
+  std::int64_t keyframes = 0;
+  double duration_s = 0.0;  // of one that is not complete: as far as the map goes
+};
+
+std::vector<ToldSession> ToldSessions(const store::MapOverview& map) {
+  std::vector<ToldSession> told;
+  for (const map::Session& session : map.sessions) {
+    ToldSession& next = told.emplace_back();
+    next.session = &session;
+    TimeNs last_ns = session.last_ns;
+    for (const store::KeyframeShare& share : map.shares) {
+      if (share.session != session.id) continue;
+      next.keyframes += share.keyframes;
+      last_ns = std::max(last_ns, share.last_ns);
+    }
+    next.duration_s = ToSeconds(last_ns - session.first_ns);
   }
-  for (const auto& [id, session] : map.sessions()) {
-    std::int64_t keyframes = 0;
-    const SessionId session_id = id;
-    TimeNs last_ns = session.last_ns;  // of one that is not complete: as far as the map goes
-    map.keyframes().ForEach([&](const auto& keyframe) {
-      if (keyframe->session != session_id) return;
-      ++keyframes;
-      last_ns = std::max(last_ns, keyframe->time_ns);
-    });
-    sessions.push_back({{"id", id.value()},
-                        {"source", session.source},
-                        {"camera", session.camera.value()},
-                        {"keyframes", keyframes},
-                        {"duration_s", ToSeconds(last_ns - session.first_ns)},
-                        {"complete", session.complete},
-                        {"cut_off", !session.complete && !being_written},
-                        {"removed", session.removed},
-                        {"policy", map::SessionPolicyName(session.policy)},
-                        {"result", map::SessionResultName(session.result)},
-                        {"components", IdsAsJson(session.components)},
-                        {"loops", LoopsAsJson(session)},
-                        {"trajectory", TrajectoryAsJson(session)},
-                        {"software_version", session.software_version},
-                        {"started", FormatUnixTime(session.started_unix_ns)},
-                        {"settings", nlohmann::ordered_json::parse(session.settings_json, nullptr, false)}});
+  return told;
+}
+
+nlohmann::ordered_json SessionAsJson(const ToldSession& told, bool being_written) {
+  const map::Session& session = *told.session;
+  return {{"id", session.id.value()},
+          {"source", session.source},
+          {"camera", session.camera.value()},
+          {"keyframes", told.keyframes},
+          {"duration_s", told.duration_s},
+          {"complete", session.complete},
+          {"cut_off", !session.complete && !being_written},
+          {"removed", session.removed},
+          {"policy", map::SessionPolicyName(session.policy)},
+          {"result", map::SessionResultName(session.result)},
+          {"components", IdsAsJson(session.components)},
+          {"loops", LoopsAsJson(session)},
+          {"trajectory", TrajectoryAsJson(session)},
+          {"software_version", session.software_version},
+          {"started", FormatUnixTime(session.started_unix_ns)},
+          {"settings", nlohmann::ordered_json::parse(session.settings_json, nullptr, false)}};
+}
+
+nlohmann::ordered_json Describe(const store::MapOverview& map, bool being_written) {
+  const store::MapSummary& summary = map.summary;
+  const store::MapQuality& quality = map.quality;
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array(), sessions = cameras, sizes = cameras;
+  for (const map::MapCamera& camera : map.cameras) {
+    cameras.push_back({{"id", camera.id.value()},
+                       {"name", camera.name},
+                       {"model", camera.model.Describe()},
+                       {"lens", LensAsJson(camera)}});
   }
-  return {{"id", map.info().id},
-          {"name", map.info().name},
-          {"revision", map.revision()},
-          {"keyframes", map.keyframes().size()},
-          {"points", map.points().size()},
-          {"components", ComponentsAsJson(map)},
-          {"features_per_keyframe", means.features},
-          {"points_per_keyframe", means.matched},
-          {"covisible_keyframes", means.neighbours},
-          {"observations_per_point", MeanObservations(map)},
-          {"vocabulary_hash", absl::StrCat(absl::Hex(map.info().vocabulary_hash, absl::kZeroPad16))},
-          {"bytes", bytes},
-          {"created", FormatUnixTime(map.info().created_unix_ns)},
-          {"software_version", map.info().software_version},
+  for (const ToldSession& told : ToldSessions(map)) sessions.push_back(SessionAsJson(told, being_written));
+  for (const store::MapPart& part : map.parts) {
+    sizes.push_back({{"part", part.name}, {"bytes", part.bytes}, {"percent", Percent(part.bytes, summary.file_bytes)}});
+  }
+  return {{"id", summary.info.id},
+          {"name", summary.info.name},
+          {"revision", summary.revision},
+          {"format_version", summary.format_version},
+          {"keyframes", summary.keyframes},
+          {"points", summary.points},
+          {"components", ComponentsAsJson(ToldComponents(map))},
+          {"features_per_keyframe", quality.features},
+          {"points_per_keyframe", quality.points},
+          {"covisible_keyframes", quality.covisible},
+          {"observations_per_point", quality.observations_per_point},
+          {"reprojection_rms_px", quality.error_rms_px},
+          {"reprojection_median_px", quality.error_median_px},
+          {"keyframes_looked_at", quality.keyframes},
+          {"keyframes_projected", quality.error_keyframes},
+          {"vocabulary_hash", absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16))},
+          {"bytes", summary.file_bytes},
+          {"sizes", sizes},
+          {"created", FormatUnixTime(summary.info.created_unix_ns)},
+          {"software_version", summary.info.software_version},
           {"cameras", cameras},
           {"sessions", sessions}};
 }
 
-void Print(const nlohmann::ordered_json& info, const map::Snapshot& map, const std::string& path) {
-  const auto number = [&](const char* key) { return info[key].get<double>(); };
-  std::printf("%s: map \"%s\", revision %lld\n", path.c_str(), info["name"].get<std::string>().c_str(),
-              info["revision"].get<long long>());
-  std::printf("  %lld keyframes with %.0f features (%.0f of them with a point), %.1f covisible each\n",
-              info["keyframes"].get<long long>(), number("features_per_keyframe"), number("points_per_keyframe"),
-              number("covisible_keyframes"));
-  std::printf("  %lld points, seen %.1f times each\n", info["points"].get<long long>(),
-              number("observations_per_point"));
-  PrintComponents(map, "  ");
-  std::printf("  %.1f MB, vocabulary %s, id %s\n", number("bytes") / 1e6,
-              info["vocabulary_hash"].get<std::string>().c_str(), info["id"].get<std::string>().c_str());
-  for (const auto& camera : info["cameras"]) {
-    std::printf("  camera %lld, %s: %s\n", camera["id"].get<long long>(), camera["name"].get<std::string>().c_str(),
-                camera["model"].get<std::string>().c_str());
-    if (camera["lens"].is_null()) continue;
-    const auto lens = [&](const char* key) { return camera["lens"][key].get<double>(); };
-    std::printf(
-        "    lens corrected by the map: focal length x %.4f, k1 %.4f, k2 %.4f (%.2f px on average, up to %.2f px)\n",
-        lens("focal_scale"), lens("k1"), lens("k2"), lens("shift_rms_px"), lens("shift_max_px"));
+std::string Megabytes(std::int64_t bytes) {
+  const double mb = static_cast<double>(bytes) / 1e6;
+  return mb >= 1000.0 ? absl::StrFormat("%.2f GB", mb / 1000.0) : absl::StrFormat("%.1f MB", mb);
+}
+
+void PrintSizes(const store::MapOverview& map) {
+  const std::int64_t all = map.summary.file_bytes;
+  std::printf(
+      "  %s%s\n", Megabytes(all).c_str(),
+      map.quality.all ? ":" : absl::StrFormat(", shares estimated from %d keyframes:", map.quality.keyframes).c_str());
+  std::string shares;
+  for (const store::MapPart& part : map.parts) {
+    if (Percent(part.bytes, all) < 0.1) continue;
+    absl::StrAppendFormat(&shares, "%s%s\u00a0%.1f\u00a0%%", shares.empty() ? "" : ", ", part.name,
+                          Percent(part.bytes, all));
   }
-  for (const auto& session : info["sessions"]) {
+  shares = Wrapped(shares, "    ", "    ");
+  std::printf("%s", absl::StrReplaceAll(shares, {{"\u00a0", " "}}).c_str());
+}
+
+void PrintCameras(const store::MapOverview& map) {
+  for (std::size_t i = 0; i < std::min(map.cameras.size(), kListed); ++i) {
+    const map::MapCamera& camera = map.cameras[i];
+    const auto lens = LensAsJson(camera);
+    const auto value = [&](const char* key) { return lens[key].get<double>(); };
+    std::printf("%s", Wrapped(absl::StrCat("camera ", camera.id.value(), ", ", Shown(camera.name), ": ",
+                                           camera.model.Describe()),
+                              "  ", "    ")
+                          .c_str());
+    if (lens.is_null()) continue;
     std::printf(
-        "  session %lld: %s, camera %lld, %.1f s, %lld keyframes%s, by cairn %s%s%s\n", session["id"].get<long long>(),
-        session["source"].get<std::string>().c_str(), session["camera"].get<long long>(),
-        session["duration_s"].get<double>(), session["keyframes"].get<long long>(),
-        session["keyframes"] == 0        ? ", added nothing"
-        : session["result"] == "located" ? ", in an earlier component"
-        : session["result"] == "apart"   ? ", joined to no earlier component"
-                                         : "",
-        session["software_version"].get<std::string>().c_str(),
-        session["started"].get<std::string>().empty() ? "" : (" on " + session["started"].get<std::string>()).c_str(),
-        session["complete"].get<bool>()  ? ""
-        : session["cut_off"].get<bool>() ? " (cut off: its process has ended)"
-                                         : " (running, or cut off)");
-    PrintLoopsAndTrajectory(map.sessions().at(SessionId(session["id"].get<SessionId::Value>())), "    ");
+        "    lens corrected by the map: focal length x %.4f, k1 %.4f, k2 %.4f\n"
+        "    (%.2f px on average, up to %.2f px)\n",
+        value("focal_scale"), value("k1"), value("k2"), value("shift_rms_px"), value("shift_max_px"));
   }
+  if (map.cameras.size() > kListed) {
+    std::printf("  ... %zu more cameras (ls MAP cameras)\n", map.cameras.size() - kListed);
+  }
+}
+
+// The newest ones.
+void PrintSessions(const store::MapOverview& map, bool being_written) {
+  const std::vector<ToldSession> sessions = ToldSessions(map);
+  const std::size_t left_out = sessions.size() - std::min(sessions.size(), kListed);
+  if (left_out > 0) std::printf("  ... %zu earlier sessions (ls MAP sessions)\n", left_out);
+  for (std::size_t i = left_out; i < sessions.size(); ++i) {
+    const auto& [session, keyframes, duration_s] = sessions[i];
+    const std::string started = FormatUnixTime(session->started_unix_ns);
+    const char* came_out = keyframes == 0                                    ? ", added nothing"
+                           : session->result == map::SessionResult::kLocated ? ", in an earlier component"
+                           : session->result == map::SessionResult::kApart   ? ", joined to no earlier component"
+                                                                             : "";
+    const char* state = session->complete ? ""
+                        : being_written   ? " (running, or cut off)"
+                                          : " (cut off: its process has ended)";
+    std::printf("%s", Wrapped(absl::StrFormat("session %u: %s, camera %u, %.1f s, %d keyframes%s, by cairn %s%s%s",
+                                              session->id.value(), Shown(session->source), session->camera.value(),
+                                              duration_s, keyframes, came_out, Shown(session->software_version),
+                                              started.empty() ? "" : absl::StrCat(" on ", started), state),
+                              "  ", "    ")
+                          .c_str());
+    if (sessions.size() <= kListed) PrintLoopsAndTrajectory(*session, "    ");
+  }
+}
+
+void Print(const store::MapOverview& map, const std::string& path, bool being_written) {
+  const store::MapSummary& summary = map.summary;
+  const store::MapQuality& quality = map.quality;
+  std::printf("%s: map \"%s\", revision %llu\n", Shown(path).c_str(), Shown(summary.info.name).c_str(),
+              static_cast<unsigned long long>(summary.revision));
+  std::printf("  %lld keyframes with %.0f features (%.0f with a point), %.1f covisible each\n",
+              static_cast<long long>(summary.keyframes), quality.features, quality.points, quality.covisible);
+  std::printf("  %lld points, seen %.1f times each; error %.2f px RMS, %.2f px median\n",
+              static_cast<long long>(summary.points), quality.observations_per_point, quality.error_rms_px,
+              quality.error_median_px);
+  PrintComponents(ToldComponents(map), "  ", kListed);
+  PrintSizes(map);
+  std::printf("  vocabulary %s, id %s\n",
+              absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16)).c_str(), summary.info.id.c_str());
+  PrintCameras(map);
+  PrintSessions(map, being_written);
 }
 
 absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.map}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
-                         store::OpenMapStore(options.map, store::OpenMode::kRead));
-  for (const std::string& note : file->notes()) std::cerr << "cairn info: " << note << "\n";
-  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
-  CAIRN_ASSIGN_OR_RETURN(const health::MapVocabulary vocabulary, health::LoadVocabulary(*file));
-  if (!vocabulary.note.empty()) std::cerr << "cairn info: " << vocabulary.note << "\n";
+  CAIRN_ASSIGN_OR_RETURN(const store::MapOverview map, store::ReadMapOverview(options.map));
+  for (const std::string& note : map.notes) std::cerr << "cairn info: " << note << "\n";
   std::error_code error;
   const bool being_written = store::WriterLock::IsHeld(std::filesystem::weakly_canonical(options.map, error).string());
-  nlohmann::ordered_json info = Describe(*map, std::filesystem::file_size(options.map, error), being_written);
-  if (options.digest) {
-    CAIRN_ASSIGN_OR_RETURN(info["digest"], file->ContentDigest());
+  std::string digest;
+  std::unique_ptr<store::MapStore> file;
+  const bool lacks_vocabulary = map.summary.info.vocabulary_hash != 0 && !map.has_vocabulary;
+  if (lacks_vocabulary || options.digest || !options.picture.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(file, store::OpenMapStore(options.map, store::OpenMode::kRead));
   }
-  if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawMap(*map, options.picture));
+  if (lacks_vocabulary) {
+    CAIRN_ASSIGN_OR_RETURN(const health::MapVocabulary vocabulary, health::LoadVocabulary(*file));
+    if (!vocabulary.note.empty()) std::cerr << "cairn info: " << vocabulary.note << "\n";
+  }
+  if (options.digest) {
+    CAIRN_ASSIGN_OR_RETURN(digest, file->ContentDigest());
+  }
+  if (!options.picture.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> snapshot, file->LoadSnapshot());
+    CAIRN_RETURN_IF_ERROR(DrawMap(*snapshot, options.picture));
+  }
   if (options.json) {
+    nlohmann::ordered_json info = Describe(map, being_written);
+    if (options.digest) info["digest"] = digest;
     PrintJson(info);
   } else {
-    Print(info, *map, options.map);
-    if (options.digest) std::printf("  content digest %s\n", info["digest"].get<std::string>().c_str());
+    Print(map, options.map, being_written);
+    if (options.digest) std::printf("  content digest %s\n", digest.c_str());
     if (!options.picture.empty()) std::printf("  picture: %s\n", options.picture.c_str());
   }
   return absl::OkStatus();
@@ -198,6 +271,9 @@ void AddInfoCommand(CLI::App& app, Action* action) {
   verb->add_flag("--overwrite", options->overwrite, "Replace the picture if it exists");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
+      "The map is not loaded: it takes the same time at any size. Means, and shares of the file, are those of at most\n"
+      "256 keyframes, spread evenly. What is not looked at may be damaged.\n"
+      "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged, 5 version.\n"
       "Examples:\n"
       "  cairn info office.cairn --picture office.png\n"
       "  cairn --server localhost:7878 info office");

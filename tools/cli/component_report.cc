@@ -10,12 +10,6 @@
 namespace cairn::cli {
 namespace {
 
-std::map<ComponentId, std::set<SessionId>> SessionsOf(const map::Snapshot& map) {
-  std::map<ComponentId, std::set<SessionId>> sessions;
-  map.keyframes().ForEach([&](const auto& keyframe) { sessions[keyframe->component].insert(keyframe->session); });
-  return sessions;
-}
-
 nlohmann::ordered_json WorldAsJson(const map::Component& component) {
   if (!component.world_from_component) return nullptr;
   const Sim3& s = *component.world_from_component;
@@ -32,14 +26,34 @@ std::string Join(const std::set<SessionId>& ids) {
 
 }  // namespace
 
-nlohmann::ordered_json ComponentsAsJson(const map::Snapshot& map) {
-  auto sessions = SessionsOf(map);
+std::vector<ToldComponent> ToldComponents(const store::MapOverview& map) {
+  std::vector<ToldComponent> told;
+  for (const map::Component& component : map.components) told.push_back({component, 0, {}});
+  for (const store::KeyframeShare& share : map.shares) {
+    const auto at =
+        std::ranges::find(told, share.component, [](const ToldComponent& other) { return other.component.id; });
+    if (at == told.end()) continue;
+    at->keyframes += share.keyframes;
+    at->sessions.insert(share.session);
+  }
+  return told;
+}
+
+std::vector<ToldComponent> ToldComponents(const map::Snapshot& map) {
+  std::map<ComponentId, std::set<SessionId>> sessions;
+  map.keyframes().ForEach([&](const auto& keyframe) { sessions[keyframe->component].insert(keyframe->session); });
+  std::vector<ToldComponent> told;
+  for (const auto& [id, component] : map.components()) told.push_back({component, map.NumKeyframes(id), sessions[id]});
+  return told;
+}
+
+nlohmann::ordered_json ComponentsAsJson(const std::vector<ToldComponent>& components) {
   nlohmann::ordered_json json = nlohmann::ordered_json::array();
-  for (const auto& [id, component] : map.components()) {
+  for (const auto& [component, keyframes, sessions] : components) {
     nlohmann::ordered_json of_sessions = nlohmann::ordered_json::array();
-    for (const SessionId session : sessions[id]) of_sessions.push_back(session.value());
-    json.push_back({{"id", id.value()},
-                    {"keyframes", map.NumKeyframes(id)},
+    for (const SessionId session : sessions) of_sessions.push_back(session.value());
+    json.push_back({{"id", component.id.value()},
+                    {"keyframes", keyframes},
                     {"sessions", of_sessions},
                     {"begun_by_session", component.session.value()},
                     {"aligned", component.world_from_component.has_value()},
@@ -60,26 +74,35 @@ nlohmann::ordered_json ComponentsAsJson(const map::Snapshot& map) {
   return json;
 }
 
-void PrintComponents(const map::Snapshot& map, const char* indent) {
-  auto sessions = SessionsOf(map);
-  const std::vector<ComponentId> live = map.LiveComponents();
-  if (live.size() > 1) {
-    std::printf("%s%zu components that nothing links, each with a place and scale of its own:\n", indent, live.size());
+void PrintComponents(const std::vector<ToldComponent>& components, const char* indent, std::size_t most) {
+  std::vector<const ToldComponent*> live, joined;
+  for (const ToldComponent& told : components) {
+    if (told.keyframes > 0) live.push_back(&told);
+    if (told.component.joined) joined.push_back(&told);
   }
-  for (const ComponentId id : live) {
-    const auto& world = map.WorldFrom(id);
-    std::printf("%s%scomponent %u: %lld keyframes of session%s %s, %s", indent, live.size() > 1 ? "  " : "", id.value(),
-                static_cast<long long>(map.NumKeyframes(id)), sessions[id].size() > 1 ? "s" : "",
-                Join(sessions[id]).c_str(), world ? "aligned to the world" : "not aligned (cairn align)");
+  std::ranges::stable_sort(live, std::ranges::greater(), &ToldComponent::keyframes);
+  if (live.size() > 1) {
+    std::printf("%s%zu components, each with a place and scale of its own until it is aligned:\n", indent, live.size());
+  }
+  const char* deeper = live.size() > 1 ? "  " : "";
+  for (std::size_t i = 0; i < std::min(live.size(), most); ++i) {
+    const auto& [component, keyframes, sessions] = *live[i];
+    const auto& world = component.world_from_component;
+    const std::string of = sessions.size() > 4 ? absl::StrCat("s: ", sessions.size(), " of them")
+                                               : absl::StrCat(sessions.size() > 1 ? "s " : " ", Join(sessions));
+    std::printf("%s%scomponent %u: %lld keyframes of session%s, %s", indent, deeper, component.id.value(),
+                static_cast<long long>(keyframes), of.c_str(), world ? "aligned" : "not aligned (cairn align)");
     if (world) std::printf(", scale %.4f", world->scale());
     std::printf("\n");
   }
-  for (const auto& [id, component] : map.components()) {
-    if (!component.joined) continue;
-    std::printf("%s  component %u was joined to %u with revision %llu: %d matches, %d of %d keyframes agree\n", indent,
-                id.value(), component.joined->into.value(), static_cast<unsigned long long>(component.joined->revision),
-                component.joined->matches, component.joined->keyframes_agreeing, component.joined->keyframes_checked);
+  if (live.size() > most) std::printf("%s%s... %zu more (ls MAP components)\n", indent, deeper, live.size() - most);
+  for (std::size_t i = 0; i < std::min(joined.size(), most); ++i) {
+    const map::ComponentJoin& join = *joined[i]->component.joined;
+    std::printf("%s  component %u joined %u: %d matches, %d of %d keyframes agree (revision %llu)\n", indent,
+                joined[i]->component.id.value(), join.into.value(), join.matches, join.keyframes_agreeing,
+                join.keyframes_checked, static_cast<unsigned long long>(join.revision));
   }
+  if (joined.size() > most) std::printf("%s  ... %zu more joined\n", indent, joined.size() - most);
 }
 
 std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map) {

@@ -1,18 +1,29 @@
 // What verbs say of the components of a map.
 #pragma once
 
+#include <set>
 #include <vector>
 
 #include "cli/cli.h"
 #include "map/snapshot.h"
+#include "store/map_overview.h"
 
 namespace cairn::cli {
 
-// All of them, also those that were joined to others: id, keyframes, sessions that have keyframes there, whether it is
-// aligned, what it was joined to, when and by which evidence.
-nlohmann::ordered_json ComponentsAsJson(const map::Snapshot& map);
-// A line each, for those with keyframes, and one for the joins.
-void PrintComponents(const map::Snapshot& map, const char* indent);
+struct ToldComponent {
+  map::Component component;
+  std::int64_t keyframes = 0;
+  std::set<SessionId> sessions;  // that have keyframes there
+};
+// All of them, also those that were joined to others.
+std::vector<ToldComponent> ToldComponents(const store::MapOverview& map);
+std::vector<ToldComponent> ToldComponents(const map::Snapshot& map);
+
+// Id, keyframes, sessions that have keyframes there, whether it is aligned, what it was joined to, when and by which
+// evidence.
+nlohmann::ordered_json ComponentsAsJson(const std::vector<ToldComponent>& components);
+// A line each, for those with keyframes, the largest first, and for the joins; at most about `most` lines each.
+void PrintComponents(const std::vector<ToldComponent>& components, const char* indent, std::size_t most);
 
 // Those that can be drawn or written together: all that are aligned, or else the one with most keyframes.
 std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map);

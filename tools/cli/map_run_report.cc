@@ -69,7 +69,7 @@ std::string StateSummary(const std::vector<mapping::KeyframeReport>& reports) {
 
 // The components of the map, with what this session has in each.
 nlohmann::ordered_json SharesAsJson(const map::Snapshot& map, const engine::SessionReport& report, TimeNs first_ns) {
-  nlohmann::ordered_json json = ComponentsAsJson(map);
+  nlohmann::ordered_json json = ComponentsAsJson(ToldComponents(map));
   for (nlohmann::ordered_json& component : json) {
     const auto share = std::ranges::find(report.components, ComponentId(component["id"].get<ComponentId::Value>()),
                                          &engine::ComponentShare::id);

@@ -3,6 +3,8 @@
 #include <cstdio>
 #include <numbers>
 
+#include "text/text.h"
+
 namespace cairn::cli {
 namespace {
 
@@ -60,13 +62,17 @@ nlohmann::ordered_json LensAsJson(const map::MapCamera& camera) {
 
 void PrintLoopsAndTrajectory(const map::Session& session, const char* indent) {
   for (const map::ClosedLoop& loop : session.loops) {
-    std::printf("%sloop closed at %.1f s to %.1f s (keyframe %u to %u): %d matches; ", indent,
+    std::printf("%sloop closed at %.1f s to %.1f s (keyframe %u to %u): %d matches;\n", indent,
                 ToSeconds(loop.keyframe_time_ns - session.first_ns), ToSeconds(loop.loop_time_ns - session.first_ns),
                 loop.keyframe.value(), loop.loop_keyframe.value(), loop.matches);
-    std::printf("moved by %.3f, turned by %.2f deg, scale %.4f\n", loop.shift, loop.turn_rad * kDegreesPerRadian,
-                loop.scale);
+    std::printf("%s  moved by %.3f, turned by %.2f deg, scale %.4f\n", indent, loop.shift,
+                loop.turn_rad * kDegreesPerRadian, loop.scale);
   }
-  if (session.trajectory) std::printf("%sreported trajectory: %s\n", indent, session.trajectory->reason.c_str());
+  if (session.trajectory) {
+    std::printf("%s", text::Wrapped(absl::StrCat("reported trajectory: ", text::Shown(session.trajectory->reason)),
+                                    indent, absl::StrCat(indent, "  "))
+                          .c_str());
+  }
 }
 
 }  // namespace cairn::cli
