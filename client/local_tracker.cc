@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "client/map_reader.h"
 #include "client/query_image.h"
 
 namespace cairn::client {
@@ -30,11 +31,11 @@ absl::StatusOr<std::unique_ptr<LocalTracker>> LocalTracker::Open(const std::stri
   return Guarded([&]() -> absl::StatusOr<std::unique_ptr<LocalTracker>> {
     CAIRN_RETURN_IF_ERROR(Check(camera, options));  // before the map is loaded
     CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<MapReader> reader, MapReader::Open(path));
-    return Open(std::move(reader), camera, options);
+    return Open(std::unique_ptr<ViewSource>(std::move(reader)), camera, options);
   });
 }
 
-absl::StatusOr<std::unique_ptr<LocalTracker>> LocalTracker::Open(std::unique_ptr<MapReader> reader,
+absl::StatusOr<std::unique_ptr<LocalTracker>> LocalTracker::Open(std::unique_ptr<ViewSource> source,
                                                                  const Camera& camera,
                                                                  const LocalTrackerOptions& options) {
   return Guarded([&]() -> absl::StatusOr<std::unique_ptr<LocalTracker>> {
@@ -46,12 +47,12 @@ absl::StatusOr<std::unique_ptr<LocalTracker>> LocalTracker::Open(std::unique_ptr
     context->pinhole = undistorter.pinhole();
     context->matcher =
         std::make_shared<const MapMatcher>(options.matching, std::make_shared<const image::Undistorter>(undistorter));
-    context->view = reader->view();
+    context->view = source->view();
     MapWatchOptions watch;
     watch.in_background = !options.deterministic;
     watch.refresh_interval_s = options.deterministic ? 0.0 : options.refresh_interval_s;
     CAIRN_ASSIGN_OR_RETURN(context->watch,
-                           MapWatch::Start(std::move(reader), context->matcher, context->pinhole, watch));
+                           MapWatch::Start(std::move(source), context->matcher, context->pinhole, watch));
     std::unique_ptr<FrameTracker> tracker =
         options.mode == TrackMode::kFeatures ? MakeFeatureTracker(context.get()) : MakeSemiDirectTracker(context.get());
     return std::unique_ptr<LocalTracker>(
@@ -94,6 +95,9 @@ void LocalTracker::Fill(const TrackStep& step, api::TrackAnswer* answer) const {
   answer->reason = step.reason;
   answer->map_id = map.info().id;
   answer->revision = map.revision();
+  const MapConnection connection = context_->watch->connection();
+  answer->connected = connection.connected;
+  answer->map_age_s = connection.age_s;
   if (!tracker_->following().ok()) answer->note = std::string(tracker_->following().message());
   if (const Anchor* anchor = tracker_->anchor(); anchor != nullptr) {
     answer->matched_ns = anchor->time_ns;

@@ -1,4 +1,5 @@
-// Tracking a camera in a map file in this process; the file is only read (api/tracker.h).
+// Tracking a camera in this process, in a map that is only read: a file, or one of a server that is followed
+// (api/tracker.h, client/view_source.h).
 //
 // Semi-direct: the first image is found in the map by relocalization, and the direct odometry begins there at once,
 // with the depths that the map gives to the points in view. From then on it gives the motion of every frame. Beside it,
@@ -27,7 +28,7 @@
 #include "base/frame_times.h"
 #include "client/frame_tracker.h"
 #include "client/local_tracker_options.h"
-#include "client/map_reader.h"
+#include "client/view_source.h"
 #include "geometry/camera.h"
 #include "image/undistort.h"
 
@@ -40,8 +41,8 @@ class LocalTracker : public api::Tracker {
   static absl::StatusOr<std::unique_ptr<LocalTracker>> Open(const std::string& path, const Camera& camera,
                                                             const LocalTrackerOptions& options = {});
 
-  // In a map that is open already, and shared with others.
-  static absl::StatusOr<std::unique_ptr<LocalTracker>> Open(std::unique_ptr<MapReader> reader, const Camera& camera,
+  // In a map that is open already, and may be shared with others; it need not be a file.
+  static absl::StatusOr<std::unique_ptr<LocalTracker>> Open(std::unique_ptr<ViewSource> source, const Camera& camera,
                                                             const LocalTrackerOptions& options = {});
 
   absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override;

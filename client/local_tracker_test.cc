@@ -1,6 +1,7 @@
 #include "client/local_tracker.h"
 
 #include "client/conformance/tracker_conformance.h"
+#include "client/map_reader.h"
 #include "map/edit.h"
 #include "store/sqlite_map_store.h"
 

@@ -7,12 +7,13 @@
 #include <string>
 
 #include "base/status.h"
+#include "client/view_source.h"
 #include "store/map_store.h"
 #include "tracking/map_view.h"
 
 namespace cairn::client {
 
-class MapReader {
+class MapReader : public ViewSource {
  public:
   // Loads the newest revision. Errors of the store (damaged, newer version, not a map, ...) come as they are;
   // FailedPrecondition if the map has no vocabulary.
@@ -21,11 +22,11 @@ class MapReader {
   // Another one that shares the file, at the revision of this one.
   std::unique_ptr<MapReader> Another() const;
 
-  const std::shared_ptr<const tracking::MapView>& view() const { return view_; }
+  const std::shared_ptr<const tracking::MapView>& view() const override { return view_; }
 
   // Goes on to a newer revision if a writer has made one; true if so. Reads what has changed, as long as that is known
   // (store::kMaxDeltaRevisions), and else all. After an error the view is what it was.
-  absl::StatusOr<bool> Refresh();
+  absl::StatusOr<bool> Refresh() override;
 
   absl::StatusOr<store::MapSummary> ReadSummary();
 

@@ -44,10 +44,10 @@ std::vector<double> DepthRatios(const Pinhole& pinhole, const KeyframeDepths& de
   return ratios;
 }
 
-absl::StatusOr<std::unique_ptr<MapWatch>> MapWatch::Start(std::unique_ptr<MapReader> reader,
+absl::StatusOr<std::unique_ptr<MapWatch>> MapWatch::Start(std::unique_ptr<ViewSource> source,
                                                           std::shared_ptr<const MapMatcher> matcher,
                                                           const Pinhole& pinhole, const MapWatchOptions& options) {
-  std::unique_ptr<MapWatch> watch(new MapWatch(std::move(reader), std::move(matcher), pinhole, options));
+  std::unique_ptr<MapWatch> watch(new MapWatch(std::move(source), std::move(matcher), pinhole, options));
   if (options.in_background) {
     MapWatch* const self = watch.get();
     CAIRN_ASSIGN_OR_RETURN(watch->thread_, StartThread(
@@ -119,15 +119,16 @@ void MapWatch::Run() {
   }
 }
 
-// A file that cannot be followed any more (removed, damaged) is no reason to stop: what is known of it still answers.
+// A map that cannot be followed any more (removed, damaged, out of reach) is no reason to stop: what is known of it
+// still answers.
 void MapWatch::Follow(WatchAnswer* answer) {
   const Clock::time_point now = Clock::now();
   if (!refreshed_ || now - *refreshed_ >= std::chrono::duration<double>(options_.refresh_interval_s)) {
-    following_ = Guarded([&] { return reader_->Refresh().status(); });
+    following_ = Guarded([&] { return source_->Refresh().status(); });
     refreshed_ = Clock::now();
   }
   answer->following = following_;
-  answer->view = reader_->view();
+  answer->view = source_->view();
 }
 
 WatchAnswer MapWatch::Do(const WatchJob& job) {

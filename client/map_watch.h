@@ -1,6 +1,6 @@
-// What a tracker leaves to a thread of its own: matching a frame against the map, and following the writer of the map's
-// file. Jobs and answers are messages: of the jobs that wait the newest counts, the answer is taken by whoever asks
-// next. With no thread a job is done where it is given.
+// What a tracker leaves to a thread of its own: matching a frame against the map, and following who changes the map.
+// Jobs and answers are messages: of the jobs that wait the newest counts, the answer is taken by whoever asks next.
+// With no thread a job is done where it is given.
 #pragma once
 
 #include <chrono>
@@ -15,7 +15,7 @@
 #include "client/anchor.h"
 #include "client/direct_follower.h"
 #include "client/map_matcher.h"
-#include "client/map_reader.h"
+#include "client/view_source.h"
 
 namespace cairn::client {
 
@@ -34,7 +34,7 @@ struct WatchJob {
 
 struct WatchAnswer {
   std::shared_ptr<const tracking::MapView> view;  // the newest, which the sighting is in
-  absl::Status following;                         // what keeps the file from being followed
+  absl::Status following;                         // what keeps the map from being followed
   bool looked = false;                            // there was an image
   bool misplaced = false;                         // Sighting::misplaced, where it was expected
   bool anywhere = false;                          // it was found by relocalization
@@ -49,12 +49,12 @@ struct WatchAnswer {
 
 struct MapWatchOptions {
   bool in_background = true;
-  double refresh_interval_s = 0.25;  // at most so often the file is asked for a newer revision, by the wall clock
+  double refresh_interval_s = 0.25;  // at most so often the source is asked for a newer revision, by the wall clock
 };
 
 class MapWatch {
  public:
-  static absl::StatusOr<std::unique_ptr<MapWatch>> Start(std::unique_ptr<MapReader> reader,
+  static absl::StatusOr<std::unique_ptr<MapWatch>> Start(std::unique_ptr<ViewSource> source,
                                                          std::shared_ptr<const MapMatcher> matcher,
                                                          const Pinhole& pinhole, const MapWatchOptions& options);
   ~MapWatch();
@@ -67,11 +67,13 @@ class MapWatch {
   bool Busy() const;
   // Until nothing is waiting or being done.
   void Wait();
+  // Of the source of the views.
+  MapConnection connection() const { return source_->connection(); }
 
  private:
-  MapWatch(std::unique_ptr<MapReader> reader, std::shared_ptr<const MapMatcher> matcher, const Pinhole& pinhole,
+  MapWatch(std::unique_ptr<ViewSource> source, std::shared_ptr<const MapMatcher> matcher, const Pinhole& pinhole,
            const MapWatchOptions& options)
-      : options_(options), pinhole_(pinhole), reader_(std::move(reader)), matcher_(std::move(matcher)) {}
+      : options_(options), pinhole_(pinhole), source_(std::move(source)), matcher_(std::move(matcher)) {}
   void Run();
   WatchAnswer Do(const WatchJob& job);
   absl::Status Look(const WatchJob& job, WatchAnswer* answer);
@@ -81,7 +83,7 @@ class MapWatch {
   const Pinhole pinhole_;
 
   // Of the thread that does the jobs.
-  const std::unique_ptr<MapReader> reader_;
+  const std::unique_ptr<ViewSource> source_;
   const std::shared_ptr<const MapMatcher> matcher_;
   std::optional<std::chrono::steady_clock::time_point> refreshed_;
   absl::Status following_;

@@ -18,7 +18,10 @@
 
 #include "api/map_service.h"
 #include "client/conformance/conformance_map.h"
+#include "map/edit.h"
+#include "store/digest.h"
 #include "store/fault.h"
+#include "store/map_store.h"
 
 namespace cairn::conformance {
 
@@ -151,6 +154,34 @@ TEST_P(MapServiceConformance, TracksAStream) {
   EXPECT_EQ(service_->NewTracker("kitchen", camera).status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(service_->NewTracker("../room", camera).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(service_->NewTracker("room", Camera()).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+// A copy of the map, to the bit, that changes as the map does.
+TEST_P(MapServiceConformance, FollowsAMap) {
+  auto feed = service_->Follow("room", {});
+  ASSERT_TRUE(feed.ok()) << feed.status();
+  const auto first = (*feed)->Next(std::chrono::seconds(20));
+  ASSERT_TRUE(first.ok() && *first) << first.status();
+  EXPECT_TRUE((*first)->rows.whole);
+  EXPECT_EQ(store::ContentDigest(*(*first)->map), store::ContentDigest(*TheConformanceMap().snapshot));
+  EXPECT_EQ((*feed)->Vocabulary(), TheConformanceMap().vocabulary);
+  auto writer = store::OpenMapStore(directory_ + "/room.cairn", store::OpenMode::kWrite);
+  ASSERT_TRUE(writer.ok()) << writer.status();
+  const auto map = *(*writer)->LoadSnapshot();
+  map::Edit edit(map);
+  edit.SetPose(KeyframeId(1),
+               SE3(ExpSO3(Vector3d(0.0, 0.01, 0.0)), Vector3d::Zero()) * map->keyframe(KeyframeId(1)).camera_from_map);
+  ASSERT_TRUE((*writer)->Commit(edit.Finish("moved")).ok());
+  const auto change = (*feed)->Next(std::chrono::seconds(20));
+  ASSERT_TRUE(change.ok() && *change) << change.status();
+  EXPECT_FALSE((*change)->rows.whole);
+  EXPECT_EQ((*change)->rows.base, map->revision());
+  ASSERT_EQ((*change)->rows.keyframes.size(), 1u);
+  EXPECT_EQ((*change)->rows.keyframes[0].id, KeyframeId(1));
+  EXPECT_EQ(store::ContentDigest(*(*change)->map), *(*writer)->ContentDigest());
+  EXPECT_TRUE(absl::IsNotFound(service_->Follow("kitchen", {}).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(service_->Follow("../room", {}).status()));
+  EXPECT_FALSE(service_->Follow("broken", {}).ok());
 }
 
 // A walk along the wall, in steps that the odometry can follow.

@@ -1,6 +1,8 @@
 #include "client/remote/channel.h"
 
+#include <algorithm>
 #include <chrono>
+#include <random>
 
 #include "absl/strings/str_format.h"
 #include "wire/errors.h"
@@ -43,6 +45,12 @@ void SetDeadline(double deadline_s, grpc::ClientContext* context) {
   const auto time =
       std::chrono::duration_cast<std::chrono::system_clock::duration>(std::chrono::duration<double>(deadline_s));
   context->set_deadline(std::chrono::system_clock::now() + time);
+}
+
+std::chrono::milliseconds PauseBefore(int attempt) {
+  thread_local std::minstd_rand random{std::random_device{}()};
+  const double longest = 50.0 * static_cast<double>(1 << std::min(attempt, 4));
+  return std::chrono::milliseconds(static_cast<int>(std::uniform_real_distribution<>(0.5, 1.0)(random) * longest));
 }
 
 absl::Status FromGrpc(const grpc::Status& status, const std::string& server) {

@@ -3,6 +3,7 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <chrono>
 #include <memory>
 #include <string>
 
@@ -14,6 +15,10 @@ namespace cairn::client {
 std::shared_ptr<grpc::Channel> NewChannel(const RemoteOptions& options);
 
 void SetDeadline(double deadline_s, grpc::ClientContext* context);
+
+// Before connecting again: longer from one attempt to the next, by a random share, so that clients of a server that
+// comes back do not all knock at once.
+std::chrono::milliseconds PauseBefore(int attempt);
 
 // With its fault, and for a server that cannot be reached with its name and what to do.
 absl::Status FromGrpc(const grpc::Status& status, const std::string& server);

@@ -3,13 +3,18 @@
 #include <cairn/v1/localize.grpc.pb.h>
 #include <cairn/v1/maps.grpc.pb.h>
 
+#include <map>
+#include <mutex>
 #include <utility>
 
 #include "base/guarded.h"
+#include "client/local_tracker.h"
 #include "client/query_image.h"
 #include "client/remote/channel.h"
+#include "client/remote/followed_map.h"
 #include "client/remote/remote_session.h"
-#include "client/remote/remote_tracker.h"
+#include "client/remote/served_tracker.h"
+#include "client/view_feed.h"
 #include "wire/convert.h"
 
 namespace cairn::client {
@@ -35,6 +40,9 @@ struct RemoteMapService::Stubs {
   const std::shared_ptr<grpc::Channel> channel;
   const std::unique_ptr<v1::Maps::Stub> maps;
   const std::unique_ptr<v1::Localize::Stub> localize;
+
+  std::mutex mutex;  // of the maps that are followed
+  std::map<std::string, std::weak_ptr<FollowedMap>> followed;
 };
 
 absl::Status RemoteOptions::Validate() const {
@@ -42,7 +50,7 @@ absl::Status RemoteOptions::Validate() const {
   if (!(deadline_s > 0.0)) return absl::InvalidArgumentError("server: deadline_s must be positive");
   if (!(outage_s >= 0.0)) return absl::InvalidArgumentError("server: outage_s must not be negative");
   if (attempts < 1 || attempts > 5) return absl::InvalidArgumentError("server: attempts must be 1 to 5");
-  return absl::OkStatus();
+  return tracker.Validate();
 }
 
 RemoteMapService::RemoteMapService(std::unique_ptr<Stubs> stubs) : stubs_(std::move(stubs)) {}
@@ -90,8 +98,43 @@ absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Localize(const std::string
 
 absl::StatusOr<std::unique_ptr<api::Tracker>> RemoteMapService::NewTracker(const std::string& map,
                                                                            const Camera& camera) {
+  if (stubs_->options.track_at == TrackAt::kServer) return NewTrackerThere(map, camera);
+  return NewTrackerHere(map, camera);
+}
+
+absl::StatusOr<std::unique_ptr<api::Tracker>> RemoteMapService::NewTrackerThere(const std::string& map,
+                                                                                const Camera& camera) {
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
-  return Guarded([&] { return RemoteTracker::Start(stubs_->options, stubs_->channel, map, camera); });
+  return Guarded([&] { return ServedTracker::Start(stubs_->options, stubs_->channel, map, camera); });
+}
+
+absl::StatusOr<std::unique_ptr<LocalTracker>> RemoteMapService::NewTrackerHere(const std::string& map,
+                                                                               const Camera& camera) {
+  CAIRN_RETURN_IF_ERROR(Annotate(camera.Validate(), "track"));  // before the map comes
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<FollowedMap> followed, CopyOf(map));
+  return LocalTracker::Open(followed->NewReader(), camera, stubs_->options.tracker);
+}
+
+absl::StatusOr<std::shared_ptr<FollowedMap>> RemoteMapService::CopyOf(const std::string& map) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  return Guarded([&]() -> absl::StatusOr<std::shared_ptr<FollowedMap>> {
+    const std::lock_guard lock(stubs_->mutex);  // others that want the same map wait for it
+    std::weak_ptr<FollowedMap>& known = stubs_->followed[map];
+    if (std::shared_ptr<FollowedMap> followed = known.lock()) return followed;
+    CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<FollowedMap> followed,
+                           FollowedMap::Start(stubs_->options, stubs_->channel, map));
+    known = followed;
+    return followed;
+  });
+}
+
+absl::StatusOr<std::unique_ptr<api::MapFeed>> RemoteMapService::Follow(const std::string& map,
+                                                                       const api::FollowRequest& request) {
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<FollowedMap> copy, CopyOf(map));
+  FeedSource source;
+  source.newest = [copy]() -> absl::StatusOr<std::shared_ptr<const tracking::MapView>> { return copy->view(); };
+  source.wait = [copy](Revision seen, FeedSource::Clock::time_point until) { copy->WaitFor(seen + 1, until); };
+  return std::make_unique<ViewFeed>(std::move(source), request);
 }
 
 absl::StatusOr<std::unique_ptr<api::MapSession>> RemoteMapService::StartSession(const api::SessionRequest& request) {

@@ -8,8 +8,18 @@
 
 #include "api/map_service.h"
 #include "base/status.h"
+#include "client/local_tracker_options.h"
 
 namespace cairn::client {
+
+class FollowedMap;
+class LocalTracker;
+
+// Where the frames of a tracker are tracked.
+enum class TrackAt {
+  kClient,  // in a copy of the map that follows the server's: no frame is sent, and an outage is got through
+  kServer,  // each frame is sent there: for clients that have neither the memory for the map nor the processor
+};
 
 struct RemoteOptions {
   std::string server = "localhost:7878";  // HOST:PORT, or unix:/path
@@ -18,6 +28,8 @@ struct RemoteOptions {
   int attempts = 4;
   // A session whose connection breaks tries so long to go on.
   double outage_s = 30.0;
+  TrackAt track_at = TrackAt::kClient;
+  LocalTrackerOptions tracker;  // of those at the client
 
   absl::Status Validate() const;
 };
@@ -31,8 +43,17 @@ class RemoteMapService : public api::MapService {
   absl::StatusOr<std::vector<api::MapSummary>> List() override;
   absl::StatusOr<api::MapDescription> Describe(const std::string& map) override;
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
-  // Frames are sent to the server (client/remote/remote_tracker.h).
+  // RemoteOptions says where it tracks.
   absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override;
+  // The two kinds of it: here, in a copy of the map, of which there is one for all trackers in it
+  // (client/remote/followed_map.h), and there (client/remote/served_tracker.h).
+  absl::StatusOr<std::unique_ptr<LocalTracker>> NewTrackerHere(const std::string& map, const Camera& camera);
+  absl::StatusOr<std::unique_ptr<api::Tracker>> NewTrackerThere(const std::string& map, const Camera& camera);
+  // The copy: begun, or the one that others have already.
+  absl::StatusOr<std::shared_ptr<FollowedMap>> CopyOf(const std::string& map);
+  // Over a copy: the first step is all of it, unless the follower has just that.
+  absl::StatusOr<std::unique_ptr<api::MapFeed>> Follow(const std::string& map,
+                                                       const api::FollowRequest& request) override;
   // Sessions survive broken connections and restarts of the server (client/remote/remote_session.h).
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <functional>
-#include <random>
 #include <thread>
 #include <utility>
 
@@ -19,14 +18,6 @@ constexpr std::size_t kMaxKeptFrames = 600;
 constexpr std::size_t kMaxKeptBytes = 256u << 20;
 
 bool IsOutage(const absl::Status& status) { return absl::IsUnavailable(status) || absl::IsCancelled(status); }
-
-// Longer from one attempt to the next, by a random share, so that clients of a server that comes back do not all knock
-// at once.
-std::chrono::milliseconds PauseBefore(int attempt) {
-  thread_local std::minstd_rand random{std::random_device{}()};
-  const double longest = 50.0 * static_cast<double>(1 << std::min(attempt, 4));
-  return std::chrono::milliseconds(static_cast<int>(std::uniform_real_distribution<>(0.5, 1.0)(random) * longest));
-}
 
 }  // namespace
 

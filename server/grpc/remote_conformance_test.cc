@@ -18,6 +18,10 @@ struct ServiceWithServer : public api::MapService {
   absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override {
     return service->NewTracker(map, camera);
   }
+  absl::StatusOr<std::unique_ptr<api::MapFeed>> Follow(const std::string& map,
+                                                       const api::FollowRequest& request) override {
+    return service->Follow(map, request);
+  }
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override {
     return service->StartSession(request);
   }
@@ -62,17 +66,26 @@ struct TrackerWithServer : public api::Tracker {
   std::unique_ptr<api::Tracker> tracker;
 };
 
+template <client::TrackAt kWhere, client::TrackMode kMode = client::TrackMode::kSemiDirect>
 absl::StatusOr<std::unique_ptr<api::Tracker>> ConnectTracker(const std::string& path, const Camera& camera) {
   const std::filesystem::path file(path);
   auto made = std::make_unique<TrackerWithServer>();
   CAIRN_ASSIGN_OR_RETURN(made->server, server::TestingServer::Start(file.parent_path().string()));
-  CAIRN_ASSIGN_OR_RETURN(made->service, client::RemoteMapService::Connect(made->server->Remote()));
+  client::RemoteOptions options = made->server->Remote();
+  options.track_at = kWhere;
+  options.tracker.mode = kMode;
+  CAIRN_ASSIGN_OR_RETURN(made->service, client::RemoteMapService::Connect(options));
   CAIRN_ASSIGN_OR_RETURN(made->tracker, made->service->NewTracker(file.stem().string(), camera));
   return made;
 }
 
-INSTANTIATE_TEST_SUITE_P(Remote, TrackerConformance, testing::Values(TrackerCase{"AtTheServer", &ConnectTracker, true}),
-                         [](const auto& parameter) { return parameter.param.name; });
+INSTANTIATE_TEST_SUITE_P(
+    Remote, TrackerConformance,
+    testing::Values(TrackerCase{"AtTheServer", &ConnectTracker<client::TrackAt::kServer>, true},
+                    TrackerCase{"AtTheClient", &ConnectTracker<client::TrackAt::kClient>, true},
+                    TrackerCase{"AtTheClientByFeatures",
+                                &ConnectTracker<client::TrackAt::kClient, client::TrackMode::kFeatures>, false}),
+    [](const auto& parameter) { return parameter.param.name; });
 INSTANTIATE_TEST_SUITE_P(Remote, LocalizerConformance, testing::Values(LocalizerFactory(&ConnectLocalizer)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapServiceConformance, testing::Values(MapServiceFactory(&ConnectService)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapSessionConformance, testing::Values(MapServiceFactory(&ConnectService)));

@@ -1,11 +1,13 @@
 #include "server/grpc/services.h"
 
+#include <cairn/v1/follow.grpc.pb.h>
 #include <cairn/v1/localize.grpc.pb.h>
 #include <cairn/v1/maps.grpc.pb.h>
 #include <cairn/v1/sessions.grpc.pb.h>
 #include <cairn/v1/track.grpc.pb.h>
 
 #include "server/grpc/answer.h"
+#include "server/rpc/follow_map.h"
 #include "server/rpc/run_session.h"
 #include "server/rpc/track_frames.h"
 
@@ -79,6 +81,34 @@ class TrackService final : public v1::Track::Service {
   const CallContext& context_;
 };
 
+class FollowService final : public v1::Follow::Service {
+ public:
+  explicit FollowService(const CallContext* context) : context_(*context) {}
+
+  grpc::Status FollowMap(ServerContext* call, const v1::FollowMapRequest* request,
+                         grpc::ServerWriter<v1::FollowMapResponse>* writer) override {
+    return Answer(context_, "Follow.FollowMap", [&] {
+      GrpcFollowStream messages(call, writer);
+      return server::FollowMap(context_, *request, &messages);
+    });
+  }
+
+ private:
+  class GrpcFollowStream final : public FollowStream {
+   public:
+    GrpcFollowStream(ServerContext* call, grpc::ServerWriter<v1::FollowMapResponse>* writer)
+        : call_(*call), writer_(*writer) {}
+    bool Ended() override { return call_.IsCancelled(); }
+    bool Write(const v1::FollowMapResponse& response) override { return writer_.Write(response); }
+
+   private:
+    ServerContext& call_;
+    grpc::ServerWriter<v1::FollowMapResponse>& writer_;
+  };
+
+  const CallContext& context_;
+};
+
 class SessionsService final : public v1::Sessions::Service {
  public:
   explicit SessionsService(const CallContext* context) : context_(*context) {}
@@ -102,6 +132,7 @@ std::vector<std::unique_ptr<grpc::Service>> MakeServices(const CallContext* cont
   services.push_back(std::make_unique<LocalizeService>(context));
   services.push_back(std::make_unique<SessionsService>(context));
   services.push_back(std::make_unique<TrackService>(context));
+  services.push_back(std::make_unique<FollowService>(context));
   return services;
 }
 

@@ -13,8 +13,9 @@ namespace cairn::server {
 
 class TestingServer {
  public:
-  static absl::StatusOr<std::unique_ptr<TestingServer>> Start(const std::string& directory,
-                                                              GrpcServerOptions grpc = {}) {
+  // `port` 0: one that is free.
+  static absl::StatusOr<std::unique_ptr<TestingServer>> Start(const std::string& directory, GrpcServerOptions grpc = {},
+                                                              int port = 0) {
     auto server = std::make_unique<TestingServer>();
     host::MapHostOptions options;
     options.directory = directory;
@@ -22,7 +23,7 @@ class TestingServer {
     options.tracker.wait_for_matches = true;  // rendering takes longer than tracking
     options.tracker.refresh_interval_s = 0.01;
     CAIRN_ASSIGN_OR_RETURN(server->host, host::MapHost::Open(options));
-    grpc.address = "127.0.0.1:0";
+    grpc.address = absl::StrCat("127.0.0.1:", port);
     CAIRN_ASSIGN_OR_RETURN(server->grpc, GrpcServer::Start(grpc, {server->host.get(), {}}));
     return server;
   }
@@ -30,6 +31,8 @@ class TestingServer {
   client::RemoteOptions Remote() const {
     client::RemoteOptions options;
     options.server = absl::StrCat("127.0.0.1:", grpc->port());
+    options.tracker.wait_for_matches = true;
+    options.tracker.refresh_interval_s = 0.01;
     return options;
   }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "api/localizer.h"
+#include "api/map_feed.h"
 #include "api/map_session.h"
 #include "api/tracker.h"
 #include "base/ids.h"
@@ -79,6 +80,9 @@ class MapService {
   // Finds itself in the newest revision and follows those after it. Errors as of Describe(); InvalidArgument for a
   // camera that makes no sense.
   virtual absl::StatusOr<std::unique_ptr<Tracker>> NewTracker(const std::string& map, const Camera& camera) = 0;
+
+  // All of it, or from what the follower has on. The service must outlive the feed. Errors as of Describe().
+  virtual absl::StatusOr<std::unique_ptr<MapFeed>> Follow(const std::string& map, const FollowRequest& request) = 0;
 
   // The service must outlive the session. AlreadyExists if the map to create is there, NotFound if the one to extend is
   // not; InvalidArgument for a camera that makes no sense or contradicts one of the map; ResourceExhausted if there are

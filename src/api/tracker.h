@@ -51,8 +51,11 @@ struct TrackAnswer {
   Revision revision = 0;  // of the map that the pose is from
   TimeNs matched_ns = 0;  // time of the last frame that was matched against the map; 0: none yet
   int inliers = 0;        // points of the map matched in that frame
-  std::string note;       // what keeps the tracker from following the map (removed, damaged); it goes on without
-  double track_ms = 0.0;  // time that the call took
+  std::string note;  // what keeps the tracker from following the map (removed, damaged, no server); it goes on without
+  // To who changes the map; a file is always within reach.
+  bool connected = true;
+  double map_age_s = 0.0;  // since what the tracker has of the map was the newest for certain; 0 for a file
+  double track_ms = 0.0;   // time that the call took
 };
 
 // One interface, two implementations: a map file in this process, and a daemon. Not for several threads at once.

@@ -177,9 +177,10 @@ absl::Status LiveMap::Flush() {
   return failure_;
 }
 
-std::shared_ptr<Subscription> LiveMap::Subscribe() {
+std::shared_ptr<Subscription> LiveMap::Subscribe(Backlog backlog) {
   const std::lock_guard lock(mutex_);
-  std::shared_ptr<Subscription> subscription(new Subscription(published_));
+  std::shared_ptr<Subscription> subscription(
+      new Subscription(published_, backlog == Backlog::kNewest ? 1 : Subscription::kMaxWaiting));
   if (closed_) subscription->End();
   subscriptions_.push_back(subscription);
   return subscription;
@@ -189,8 +190,9 @@ std::shared_ptr<Subscription> LiveMap::Subscribe() {
 
 void Subscription::Tell(const MapChange& change) {
   const std::lock_guard lock(mutex_);
+  if (max_waiting_ == 1) waiting_.clear();
   waiting_.push_back(change);
-  if (waiting_.size() > kMaxWaiting) {
+  if (waiting_.size() > max_waiting_) {
     // The two newest become one: the older ones are what a subscriber that wakes up wants first.
     MapChange& into = waiting_[waiting_.size() - 2];
     absl::StatusOr<map::Delta> merged = map::MergeDeltas(into.before->map(), *into.delta, *change.delta);

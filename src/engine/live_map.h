@@ -105,8 +105,10 @@ class LiveMap {
   // Waits until all changes so far are durable; the error if they cannot be.
   absl::Status Flush();
 
-  // All changes from the view that it begins with. Ends with the map.
-  std::shared_ptr<Subscription> Subscribe();
+  // All changes from the view that it begins with, or of these that wait the newest one only, for who looks for
+  // himself what else has changed. Ends with the map.
+  enum class Backlog { kAll, kNewest };
+  std::shared_ptr<Subscription> Subscribe(Backlog backlog = Backlog::kAll);
 
   // False: nothing is kept yet, as there is no keyframe.
   bool exists() const;
@@ -154,18 +156,21 @@ class Subscription {
   const std::shared_ptr<const tracking::MapView>& first() const { return first_; }
 
   // The next change; waits for it at most so long. None if there was none by then; Cancelled once the map is closed and
-  // everything has been told. Changes that pile up beyond kMaxWaiting are merged, none is left out.
+  // everything has been told. Changes that pile up beyond kMaxWaiting are merged, none is left out, unless only the
+  // newest is kept.
   absl::StatusOr<std::optional<MapChange>> Next(std::chrono::milliseconds timeout);
 
   static constexpr std::size_t kMaxWaiting = 64;
 
  private:
   friend class LiveMap;
-  explicit Subscription(std::shared_ptr<const tracking::MapView> first) : first_(std::move(first)) {}
+  Subscription(std::shared_ptr<const tracking::MapView> first, std::size_t max_waiting)
+      : first_(std::move(first)), max_waiting_(max_waiting) {}
   void Tell(const MapChange& change);
   void End();
 
   const std::shared_ptr<const tracking::MapView> first_;
+  const std::size_t max_waiting_;  // 1: older ones are dropped
   std::mutex mutex_;
   std::condition_variable told_;
   std::deque<MapChange> waiting_;

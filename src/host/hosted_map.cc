@@ -2,6 +2,8 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <thread>
 #include <utility>
 
 #include "store/map_store.h"
@@ -53,6 +55,24 @@ std::shared_ptr<const tracking::MapView> HostedMap::Known() const {
 std::shared_ptr<engine::LiveMap> HostedMap::Live() const {
   const std::lock_guard lock(mutex_);
   return live_.lock();
+}
+
+void HostedMap::WaitForChange(std::chrono::steady_clock::time_point until,
+                              std::shared_ptr<engine::Subscription>* news) const {
+  using std::chrono::milliseconds;
+  const auto left = std::chrono::ceil<milliseconds>(until - std::chrono::steady_clock::now());
+  if (left <= milliseconds(0)) return;
+  if (*news != nullptr) {
+    if (!(*news)->Next(left).ok()) news->reset();  // it is not written here any more
+    return;
+  }
+  if (const std::shared_ptr<engine::LiveMap> live = Live()) {
+    *news = live->Subscribe(engine::LiveMap::Backlog::kNewest);
+    return;  // there may have been a change before
+  }
+  // Another process writes it, or nobody does.
+  constexpr milliseconds kLeast(10);
+  std::this_thread::sleep_for(std::min(left, std::max(refresh_interval_, kLeast)));
 }
 
 bool HostedMap::writing() const { return Live() != nullptr; }

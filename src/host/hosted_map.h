@@ -38,6 +38,9 @@ class HostedMap {
   // The head of the map, for sessions: one for all of them, closed when the last one lets go of it.
   absl::StatusOr<std::shared_ptr<engine::LiveMap>> Write();
   bool writing() const;
+  // Returns when there may be a newer revision than View() gave before the call before, and no later than `until`.
+  // `news` is the caller's, from one call to the next; at first null.
+  void WaitForChange(std::chrono::steady_clock::time_point until, std::shared_ptr<engine::Subscription>* news) const;
 
   // In memory, roughly: by the size of what is in the store.
   std::int64_t bytes() const { return bytes_; }

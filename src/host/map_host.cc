@@ -11,6 +11,7 @@
 #include "base/guarded.h"
 #include "base/version.h"
 #include "client/local_tracker.h"
+#include "client/view_feed.h"
 #include "host/describe.h"
 #include "place/default_vocabulary.h"
 #include "store/map_store.h"
@@ -277,6 +278,33 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> MapHost::NewTracker(const std::str
     absl::StatusOr<std::unique_ptr<api::Tracker>> tracker = open();
     if (!tracker.ok()) return Told(tracker.status());
     return tracker;
+  });
+}
+
+absl::StatusOr<std::unique_ptr<api::MapFeed>> MapHost::Follow(const std::string& map,
+                                                              const api::FollowRequest& request) {
+  return Guarded([&]() -> absl::StatusOr<std::unique_ptr<api::MapFeed>> {
+    client::FeedSource source;
+    source.newest = [this, map]() -> absl::StatusOr<std::shared_ptr<const tracking::MapView>> {
+      absl::StatusOr<std::shared_ptr<const tracking::MapView>> view = ViewOf(map);
+      if (!view.ok()) return Told(view.status());
+      return view;
+    };
+    source.wait = [this, map, news = std::shared_ptr<engine::Subscription>()](Revision /*seen*/,
+                                                                              Clock::time_point until) mutable {
+      const absl::StatusOr<std::shared_ptr<HostedMap>> hosted = Use(map);
+      if (hosted.ok()) (*hosted)->WaitForChange(until, &news);
+    };
+    source.changed_since = [this, map](Revision since) -> absl::StatusOr<std::optional<map::ChangedRows>> {
+      CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
+      CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
+                             store::OpenMapStore(path, store::OpenMode::kRead));
+      auto rows = store->ReadChangedRows(since);
+      if (!rows.ok()) return Told(rows.status());
+      return rows;
+    };
+    CAIRN_RETURN_IF_ERROR(source.newest().status());
+    return std::make_unique<client::ViewFeed>(std::move(source), request);
   });
 }
 

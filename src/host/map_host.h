@@ -58,6 +58,9 @@ class MapHost : public api::MapService {
     return sessions_.Resume(token);
   }
 
+  absl::StatusOr<std::unique_ptr<api::MapFeed>> Follow(const std::string& map,
+                                                       const api::FollowRequest& request) override;
+
   // Finishes the sessions that nobody came back to and closes the maps that have been idle at `now`, for as long as the
   // options say. For who owns the host to call now and then.
   void CloseIdle(Clock::time_point now);

@@ -195,6 +195,8 @@ bool WriteUpdate(const map::Snapshot& map, const map::ChangedRows& rows, absl::s
   if (!sender.good()) return false;
   v1::FollowMapResponse end;
   end.mutable_end()->set_rows_bytes(sender.bytes());
+  end.mutable_end()->set_keyframes(static_cast<std::int64_t>(map.keyframes().size()));
+  end.mutable_end()->set_points(static_cast<std::int64_t>(map.points().size()));
   return send(end);
 }
 

@@ -33,6 +33,9 @@ struct MapUpdate {
   // `delta` is of this map: what the reader had, or an empty one if the update is whole.
   std::shared_ptr<const map::Snapshot> base;
   map::Delta delta;
+  // Of the map after it.
+  std::int64_t keyframes = 0;
+  std::int64_t points = 0;
   std::string vocabulary;  // as it was sent; empty: it was not
   std::int64_t bytes = 0;  // of the messages, serialized
 };
@@ -51,6 +54,9 @@ class UpdateReader {
   absl::StatusOr<bool> Read(const v1::FollowMapResponse& message);
 
   absl::StatusOr<MapUpdate> Take();
+
+  // False: no message was read yet.
+  bool begun() const { return begun_; }
 
  private:
   absl::Status Begin(const v1::UpdateBegin& begin);

@@ -77,6 +77,8 @@ absl::StatusOr<bool> UpdateReader::Read(const v1::FollowMapResponse& message) {
         return Bad("the vocabulary is shorter than it was said to be");
       }
       if (message.end().rows_bytes() != rows_bytes_) return Bad("rows are missing");
+      update_.keyframes = message.end().keyframes();
+      update_.points = message.end().points();
       return true;
     default:
       return Bad("an update ends before anything else comes");

@@ -39,7 +39,12 @@ absl::StatusOr<MapUpdate> ReadAll(const Messages& messages, const SnapshotPtr& h
 
 absl::StatusOr<SnapshotPtr> Followed(const Messages& messages, const SnapshotPtr& held) {
   CAIRN_ASSIGN_OR_RETURN(const MapUpdate update, ReadAll(messages, held));
-  return update.base->Apply(update.delta);
+  CAIRN_ASSIGN_OR_RETURN(SnapshotPtr map, update.base->Apply(update.delta));
+  if (update.keyframes != static_cast<std::int64_t>(map->keyframes().size()) ||
+      update.points != static_cast<std::int64_t>(map->points().size())) {
+    return absl::DataLossError("it is another map");
+  }
+  return map;
 }
 
 std::vector<SnapshotPtr> HistoryOf(std::uint64_t seed, int changes) {

@@ -39,6 +39,7 @@ struct TrackOptions {
   std::string mode = "semi_direct";
   double realtime_speed = 0.0;
   bool deterministic = false;
+  bool server_side = false;
   bool overwrite = false;
   bool json = false;
 };
@@ -91,6 +92,8 @@ struct Summary {
   std::string states;  // a line per frame
   std::string map_id;
   std::string note;
+  std::int64_t disconnected = 0;  // frames that were answered without the server
+  double map_age_s = 0.0;         // the most that what was known of the map had lagged behind
   Revision revision = 0;
   std::vector<ComponentId> together;  // components of the poses, which share a frame ...
   bool metric = false;                // ... that is the world
@@ -105,6 +108,8 @@ struct Summary {
     map_id = answer.map_id;
     revision = answer.revision;
     note = answer.note;
+    if (!answer.connected) ++disconnected;
+    map_age_s = std::max(map_age_s, answer.map_age_s);
     if (answer.state == api::TrackState::kLost) {
       ++reasons[Kind(answer.reason)];
     } else if (std::ranges::find(together, answer.component) == together.end() || answer.world_is_metric != metric) {
@@ -265,6 +270,11 @@ void PrintSummary(const TrackOptions& options, const Summary& summary, std::int6
                  {"cpu_s_per_s", cpu_per_s},
                  {"elapsed_s", summary.wall_s},
                  {"peak_memory_mb", PeakMemoryMb()}});
+    if (!options.server.empty()) {
+      json["tracked_at"] = options.server_side ? "server" : "client";
+      json["frames_without_server"] = summary.disconnected;
+      json["map_age_s"] = summary.map_age_s;
+    }
     if (!summary.note.empty()) json["note"] = summary.note;
     PrintJson(json);
     return;
@@ -287,6 +297,10 @@ void PrintSummary(const TrackOptions& options, const Summary& summary, std::int6
   }
   if (summary.dropped > 0) std::printf("  %lld frames came too fast\n", static_cast<long long>(summary.dropped));
   if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
+  if (summary.disconnected > 0) {
+    std::printf("  %lld frames without the server, in what was known of the map, up to %.1f s old\n",
+                static_cast<long long>(summary.disconnected), summary.map_age_s);
+  }
   if (!summary.note.empty()) std::printf("  the map was not followed: %s\n", summary.note.c_str());
   if (interrupted) std::printf("  interrupted: this is what was done until then\n");
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
@@ -301,8 +315,9 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input, "track"));
-  CAIRN_ASSIGN_OR_RETURN(TrackTarget target, OpenTrackTarget(options.server, options.map, source->info().camera,
-                                                             TrackerOptions(options, source->info())));
+  CAIRN_ASSIGN_OR_RETURN(TrackTarget target,
+                         OpenTrackTarget(options.server, options.map, source->info().camera,
+                                         TrackerOptions(options, source->info()), options.server_side));
   CAIRN_ASSIGN_OR_RETURN(const CommonFrame common, target.frame());
   SkippedFrames skipped("track", options.json);
   Summary summary;
@@ -354,6 +369,9 @@ void AddTrackCommand(CLI::App& app, Action* action) {
   verb->add_flag("--deterministic", options->deterministic,
                  "One thread and a fixed order: the same input gives the same output")
       ->excludes(realtime);
+  verb->add_flag("--server-side", options->server_side,
+                 "With --server: every frame is sent there. Without it the map is: it is kept here and follows what "
+                 "changes there, also through an outage");
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
@@ -362,12 +380,16 @@ void AddTrackCommand(CLI::App& app, Action* action) {
       "  cairn track second_visit --camera camera.yaml --map office.cairn --out poses.txt\n"
       "  cairn track second_visit --map office.cairn --out poses.txt --states states.txt --realtime\n"
       "  cairn track second_visit --map office.cairn --mode features --json\n"
-      "  cairn --server localhost:7878 track second_visit --map office --realtime");
+      "  cairn --server localhost:7878 track second_visit --map office --realtime\n"
+      "  cairn --server localhost:7878 track second_visit --map office --server-side");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
-    for (const char* local : {"--mode", "--deterministic"}) {
-      if (!options->server.empty() && verb->get_option(local)->count() > 0) throw CLI::ExcludesError(local, "--server");
-    }
+    const auto refuse = [&](const char* option, const char* with) {
+      if (verb->get_option(option)->count() > 0) throw CLI::ExcludesError(option, with);
+    };
+    if (!options->server.empty()) refuse("--deterministic", "--server");
+    if (options->server_side) refuse("--mode", "--server-side");
+    if (options->server.empty() && options->server_side) throw CLI::RequiresError("--server-side", "--server");
     *action = [=] {
       const absl::StatusOr<int> code = Track(*options);
       return code.ok() ? *code : Fail("track", code.status(), options->json);

@@ -2,14 +2,14 @@
 
 #include <utility>
 
-#include "cli/server_option.h"
 #include "client/local_tracker.h"
+#include "client/remote/remote_map_service.h"
 
 namespace cairn::cli {
 namespace {
 
 // Its service goes with it.
-struct ServedTracker final : public api::Tracker {
+struct TrackerAndService final : public api::Tracker {
   absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override { return tracker->Track(frame); }
 
   std::unique_ptr<client::RemoteMapService> service;
@@ -19,15 +19,26 @@ struct ServedTracker final : public api::Tracker {
 }  // namespace
 
 absl::StatusOr<TrackTarget> OpenTrackTarget(const std::string& server, const std::string& map, const Camera& camera,
-                                            const client::LocalTrackerOptions& options) {
+                                            const client::LocalTrackerOptions& options, bool at_server) {
+  const auto here = [](std::shared_ptr<client::LocalTracker> tracker) {
+    return TrackTarget{tracker, [tracker] { return CommonFrameOf(tracker->snapshot()); }};
+  };
   if (server.empty()) {
     CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<client::LocalTracker> tracker,
                            client::LocalTracker::Open(map, camera, options));
-    return TrackTarget{tracker, [tracker] { return CommonFrameOf(tracker->snapshot()); }};
+    return here(std::move(tracker));
   }
-  auto served = std::make_shared<ServedTracker>();
-  CAIRN_ASSIGN_OR_RETURN(served->service, ConnectTo(server));
-  CAIRN_ASSIGN_OR_RETURN(served->tracker, served->service->NewTracker(map, camera));
+  client::RemoteOptions remote;
+  remote.server = server;
+  remote.tracker = options;
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::RemoteMapService> service, client::RemoteMapService::Connect(remote));
+  if (!at_server) {
+    CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<client::LocalTracker> tracker, service->NewTrackerHere(map, camera));
+    return here(std::move(tracker));  // which needs no more of the service than it has
+  }
+  auto served = std::make_shared<TrackerAndService>();
+  served->service = std::move(service);
+  CAIRN_ASSIGN_OR_RETURN(served->tracker, served->service->NewTrackerThere(map, camera));
   return TrackTarget{served, [served, map]() -> absl::StatusOr<CommonFrame> {
                        CAIRN_ASSIGN_OR_RETURN(const api::MapDescription now, served->service->Describe(map));
                        return CommonFrameOf(now);

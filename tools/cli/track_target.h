@@ -15,12 +15,13 @@ namespace cairn::cli {
 
 struct TrackTarget {
   std::shared_ptr<api::Tracker> tracker;
-  // As the tracker's last answer saw the map; a server is asked.
+  // As the tracker's last answer saw the map; a server that tracks is asked.
   std::function<absl::StatusOr<CommonFrame>()> frame;
 };
 
-// `server` empty: `map` is a file. The options are those of a file.
+// `server` empty: `map` is a file. The options are those of a tracker in this process; `at_server`: the server tracks,
+// in its own way.
 absl::StatusOr<TrackTarget> OpenTrackTarget(const std::string& server, const std::string& map, const Camera& camera,
-                                            const client::LocalTrackerOptions& options);
+                                            const client::LocalTrackerOptions& options, bool at_server);
 
 }  // namespace cairn::cli

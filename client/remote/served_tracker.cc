@@ -1,4 +1,4 @@
-#include "client/remote/remote_tracker.h"
+#include "client/remote/served_tracker.h"
 
 #include <chrono>
 #include <utility>
@@ -10,7 +10,7 @@
 
 namespace cairn::client {
 
-RemoteTracker::RemoteTracker(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel,
+ServedTracker::ServedTracker(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel,
                              const std::string& map, const Camera& camera)
     : options_(options),
       channel_(std::move(channel)),
@@ -18,28 +18,28 @@ RemoteTracker::RemoteTracker(const RemoteOptions& options, std::shared_ptr<grpc:
       map_(map),
       camera_(camera) {}
 
-RemoteTracker::~RemoteTracker() {
+ServedTracker::~ServedTracker() {
   if (stream_ == nullptr) return;
   context_->TryCancel();
   stream_->Finish();
 }
 
-absl::StatusOr<std::unique_ptr<api::Tracker>> RemoteTracker::Start(const RemoteOptions& options,
+absl::StatusOr<std::unique_ptr<api::Tracker>> ServedTracker::Start(const RemoteOptions& options,
                                                                    std::shared_ptr<grpc::Channel> channel,
                                                                    const std::string& map, const Camera& camera) {
-  auto tracker = std::unique_ptr<RemoteTracker>(new RemoteTracker(options, std::move(channel), map, camera));
+  auto tracker = std::unique_ptr<ServedTracker>(new ServedTracker(options, std::move(channel), map, camera));
   CAIRN_RETURN_IF_ERROR(tracker->Connect());
   return tracker;
 }
 
-absl::Status RemoteTracker::Exchange(const v1::TrackFramesRequest& request, v1::TrackFramesResponse* response) {
+absl::Status ServedTracker::Exchange(const v1::TrackFramesRequest& request, v1::TrackFramesResponse* response) {
   if (stream_->Write(request) && stream_->Read(response)) return absl::OkStatus();
   const absl::Status status = FromGrpc(stream_->Finish(), options_.server);
   stream_.reset();
   return status.ok() ? absl::UnavailableError(absl::StrCat(options_.server, " ended the tracker's stream")) : status;
 }
 
-absl::Status RemoteTracker::Connect() {
+absl::Status ServedTracker::Connect() {
   if (stream_ != nullptr) return absl::OkStatus();
   context_ = std::make_unique<grpc::ClientContext>();
   stream_ = stub_->TrackFrames(context_.get());
@@ -50,7 +50,7 @@ absl::Status RemoteTracker::Connect() {
   return Exchange(request, &response);
 }
 
-absl::StatusOr<api::TrackAnswer> RemoteTracker::Track(const api::TrackFrame& frame) {
+absl::StatusOr<api::TrackAnswer> ServedTracker::Track(const api::TrackFrame& frame) {
   return Guarded([&]() -> absl::StatusOr<api::TrackAnswer> {
     const auto begin = std::chrono::steady_clock::now();
     CAIRN_RETURN_IF_ERROR(CheckImage(frame.image, camera_, "track"));

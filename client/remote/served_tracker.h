@@ -13,13 +13,13 @@
 
 namespace cairn::client {
 
-class RemoteTracker final : public api::Tracker {
+class ServedTracker final : public api::Tracker {
  public:
   // Errors of the server come at once.
   static absl::StatusOr<std::unique_ptr<api::Tracker>> Start(const RemoteOptions& options,
                                                              std::shared_ptr<grpc::Channel> channel,
                                                              const std::string& map, const Camera& camera);
-  ~RemoteTracker() override;
+  ~ServedTracker() override;
 
   // Unavailable if the connection breaks: the next call makes it again, and the tracker finds itself anew.
   absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override;
@@ -27,7 +27,7 @@ class RemoteTracker final : public api::Tracker {
  private:
   using Stream = grpc::ClientReaderWriter<v1::TrackFramesRequest, v1::TrackFramesResponse>;
 
-  RemoteTracker(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel, const std::string& map,
+  ServedTracker(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel, const std::string& map,
                 const Camera& camera);
   absl::Status Connect();
   absl::Status Exchange(const v1::TrackFramesRequest& request, v1::TrackFramesResponse* response);
