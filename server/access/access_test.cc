@@ -39,6 +39,14 @@ class FakeSession : public api::MapSession {
   const api::SessionProgress progress_;
 };
 
+class FakeFeed : public api::MapFeed {
+ public:
+  absl::StatusOr<std::optional<api::MapStep>> Next(std::chrono::milliseconds /*timeout*/) override {
+    return std::optional<api::MapStep>();
+  }
+  std::string Vocabulary() const override { return ""; }
+};
+
 class FakeTracker : public api::Tracker {
  public:
   absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& /*frame*/) override { return api::TrackAnswer(); }
@@ -61,6 +69,10 @@ class FakeMaps : public api::MapService {
   }
   absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& /*camera*/) override {
     return Reach("track", map, std::unique_ptr<api::Tracker>(new FakeTracker));
+  }
+  absl::StatusOr<std::unique_ptr<api::MapFeed>> Follow(const std::string& map,
+                                                       const api::FollowRequest& /*request*/) override {
+    return Reach("follow", map, std::unique_ptr<api::MapFeed>(new FakeFeed));
   }
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override {
     client_ = request.client;
@@ -152,6 +164,7 @@ TEST_F(AccessTest, AMapThatMayNotBeReadIsAsOneThatIsNotThere) {
   EXPECT_EQ(secret, none);
   EXPECT_EQ(reader.Localize("secret", {}).status(), secret);
   EXPECT_EQ(reader.NewTracker("secret", {}).status(), secret);
+  EXPECT_EQ(reader.Follow("secret", {}).status(), secret);
   EXPECT_EQ(reader.Describe("../office").status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(maps_.reached_, ElementsAre("describe hall_2", "describe office"));
   const auto listed = *reader.List();
@@ -176,11 +189,13 @@ TEST_F(AccessTest, ToExtendTakesMoreThanToRead) {
 TEST_F(AccessTest, ARevokedTokenEndsWhatItBegan) {
   const auto session = *As(robot_).StartSession(Request("office"));
   const auto tracker = *As(robot_).NewTracker("office", {});
-  EXPECT_TRUE(session->AddFrame({}).ok() && tracker->Track({}).ok());
+  const auto feed = *As(robot_).Follow("office", {});
+  EXPECT_TRUE(session->AddFrame({}).ok() && tracker->Track({}).ok() && feed->Next({}).ok());
   ASSERT_TRUE(RevokeToken(options_.tokens, "robot").ok());
   EXPECT_EQ(session->AddFrame({}).status().code(), absl::StatusCode::kUnauthenticated);
   EXPECT_EQ(session->Finish().status().code(), absl::StatusCode::kUnauthenticated);
   EXPECT_EQ(tracker->Track({}).status().code(), absl::StatusCode::kUnauthenticated);
+  EXPECT_EQ(feed->Next({}).status().code(), absl::StatusCode::kUnauthenticated);
 }
 
 TEST_F(AccessTest, ChangesAreWrittenDownWithWhoMadeThemAndSoAreAttempts) {

@@ -22,6 +22,24 @@ class AuthorizedTracker final : public api::Tracker {
   const Client client_;
 };
 
+class AuthorizedFeed final : public api::MapFeed {
+ public:
+  AuthorizedFeed(std::unique_ptr<api::MapFeed> feed, std::string map, Access* access, Client client)
+      : feed_(std::move(feed)), map_(std::move(map)), access_(*access), client_(std::move(client)) {}
+
+  absl::StatusOr<std::optional<api::MapStep>> Next(std::chrono::milliseconds timeout) override {
+    CAIRN_RETURN_IF_ERROR(access_.Require(client_, Right::kRead, map_));
+    return feed_->Next(timeout);
+  }
+  std::string Vocabulary() const override { return feed_->Vocabulary(); }
+
+ private:
+  const std::unique_ptr<api::MapFeed> feed_;
+  const std::string map_;
+  Access& access_;
+  const Client client_;
+};
+
 class AuthorizedSession final : public api::MapSession {
  public:
   AuthorizedSession(std::unique_ptr<api::MapSession> session, Access* access, Client client)
@@ -94,6 +112,13 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> AuthorizedMaps::NewTracker(const s
   CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<api::Tracker> tracker, maps_.NewTracker(map, camera));
   return std::make_unique<AuthorizedTracker>(std::move(tracker), map, &access_, client_);
+}
+
+absl::StatusOr<std::unique_ptr<api::MapFeed>> AuthorizedMaps::Follow(const std::string& map,
+                                                                     const api::FollowRequest& request) {
+  CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<api::MapFeed> feed, maps_.Follow(map, request));
+  return std::make_unique<AuthorizedFeed>(std::move(feed), map, &access_, client_);
 }
 
 absl::StatusOr<std::unique_ptr<api::MapSession>> AuthorizedMaps::StartSession(const api::SessionRequest& request) {

@@ -26,6 +26,9 @@ class AuthorizedMaps final : public api::MapService {
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
   // The right is asked for again with every frame: a token that was revoked ends what it began.
   absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override;
+  // Likewise, with every step.
+  absl::StatusOr<std::unique_ptr<api::MapFeed>> Follow(const std::string& map,
+                                                       const api::FollowRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override;
 

@@ -87,9 +87,10 @@ class FollowService final : public v1::Follow::Service {
 
   grpc::Status FollowMap(ServerContext* call, const v1::FollowMapRequest* request,
                          grpc::ServerWriter<v1::FollowMapResponse>* writer) override {
-    return Answer(context_, "Follow.FollowMap", [&] {
+    const auto bytes = static_cast<std::int64_t>(request->ByteSizeLong());
+    return Answer(context_, call, "Follow.FollowMap", bytes, [&](const CallContext& context) {
       GrpcFollowStream messages(call, writer);
-      return server::FollowMap(context_, *request, &messages);
+      return server::FollowMap(context, *request, &messages);
     });
   }
 

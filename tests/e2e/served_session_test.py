@@ -58,8 +58,15 @@ class ServedSessions(unittest.TestCase):
         tracked = cairn('--server', self.server.address, 'track', self.second, '--map', 'office')
         self.assertEqual(tracked.code, 0, tracked.out)
         self.assertEqual(tracked.json['with_pose_share'], 1.0)
+        self.assertEqual((tracked.json['tracked_at'], tracked.json['frames_without_server']), ('client', 0))
+        there = cairn('--server', self.server.address, 'track', self.second, '--map', 'office', '--server-side')
+        self.assertEqual((there.json['tracked_at'], there.json['with_pose_share']), ('server', 1.0))
+        self.assertEqual(cairn('--server', self.server.address, 'track', self.second, '--map', 'office', '--mode', 'features').code, 0)
+        copy = cairn('--server', self.server.address, 'bench', 'follow', '--map', 'office')
+        self.assertEqual(copy.json['digest'], must('info', self.maps / 'office.cairn', '--digest')['digest'])
         self.assertEqual(cairn('--server', self.server.address, 'track', self.second, '--map', 'none').code, 1)
-        self.assertEqual(cairn('--server', self.server.address, 'track', self.second, '--map', 'office', '--mode', 'features').code, 2)
+        self.assertEqual(cairn('--server', self.server.address, 'track', self.second, '--map', 'office', '--mode', 'features',
+                               '--server-side').code, 2)
         # The file is an ordinary map once the server has let go of it.
         self.assertEqual(self.server.stop(), 0)
         info = must('info', self.maps / 'office.cairn')

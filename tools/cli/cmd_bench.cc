@@ -1,6 +1,7 @@
 // cairn bench: how fast, and with how much memory.
 #include <cstdio>
 
+#include "cli/bench_follow.h"
 #include "cli/bench_server.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
@@ -172,6 +173,7 @@ void AddBenchCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("bench", "Measure speed and memory");
   verb->require_subcommand(1);
   AddBenchServerCommand(app, verb, action);
+  AddBenchFollowCommand(app, verb, action);
   CLI::App* odometry = verb->add_subcommand(
       "direct", "The direct odometry: time per stage, speed against real time, frames dropped, peak memory");
   auto options = std::make_shared<BenchOptions>();

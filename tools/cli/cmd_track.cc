@@ -77,7 +77,7 @@ std::string Kind(const std::string& reason) {
 }
 
 // What came of all frames.
-struct Summary {
+struct TrackSummary {
   std::int64_t frames = 0;
   std::int64_t dropped = 0;    // that came too fast, in real time
   std::int64_t refused = 0;    // whose time does not follow that of the one before
@@ -197,7 +197,7 @@ class PacedSource {
 };
 
 absl::Status TrackAll(const TrackOptions& options, io::FrameSource& source, TrackTarget& target,
-                      const std::atomic<bool>& stop, SkippedFrames* skipped, Summary* summary) {
+                      const std::atomic<bool>& stop, SkippedFrames* skipped, TrackSummary* summary) {
   Progress progress("tracking", source.info().num_frames, options.json);
   PacedSource paced(&source, options.realtime_speed, skipped);
   const double cpu_s = ProcessCpuSeconds();
@@ -224,7 +224,7 @@ absl::Status TrackAll(const TrackOptions& options, io::FrameSource& source, Trac
   return absl::OkStatus();
 }
 
-absl::Status WriteOutputs(const TrackOptions& options, const Summary& summary) {
+absl::Status WriteOutputs(const TrackOptions& options, const TrackSummary& summary) {
   const std::string map = absl::StrCat("map ", summary.map_id, " revision ", summary.revision);
   absl::Status status;
   if (!options.out.empty()) {
@@ -245,7 +245,7 @@ absl::Status WriteOutputs(const TrackOptions& options, const Summary& summary) {
   return status;
 }
 
-void PrintSummary(const TrackOptions& options, const Summary& summary, std::int64_t skipped, bool interrupted) {
+void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std::int64_t skipped, bool interrupted) {
   const auto share = [&](std::int64_t count) {
     return summary.frames > 0 ? static_cast<double>(count) / static_cast<double>(summary.frames) : 0.0;
   };
@@ -320,7 +320,7 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
                                          TrackerOptions(options, source->info()), options.server_side));
   CAIRN_ASSIGN_OR_RETURN(const CommonFrame common, target.frame());
   SkippedFrames skipped("track", options.json);
-  Summary summary;
+  TrackSummary summary;
   summary.together = common.components;
   summary.metric = common.metric;
   absl::Status status;
