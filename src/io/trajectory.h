@@ -7,15 +7,12 @@
 
 #include "base/status.h"
 #include "base/time.h"
-#include "geometry/se3.h"
+#include "geometry/stamped_pose.h"
 #include "io/time_text.h"
 
 namespace cairn::io {
 
-struct StampedPose {
-  TimeNs time_ns = 0;
-  SE3 world_from_camera;
-};
+using cairn::StampedPose;
 
 enum class TrajectoryFormat : std::uint8_t { kTum, kEuroc, kKitti };
 

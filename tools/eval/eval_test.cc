@@ -7,13 +7,13 @@
 #include <limits>
 
 #include "base/random.h"
-#include "eval/association.h"
 #include "eval/ate.h"
 #include "eval/localization.h"
 #include "eval/loop.h"
 #include "eval/reference.h"
 #include "eval/rpe.h"
 #include "eval/statistics.h"
+#include "geometry/pose_association.h"
 
 namespace cairn::eval {
 namespace {

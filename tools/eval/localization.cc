@@ -6,8 +6,8 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_split.h"
-#include "eval/association.h"
 #include "eval/reference.h"
+#include "geometry/pose_association.h"
 #include "io/atomic_file.h"
 #include "io/time_text.h"
 

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <vector>
 
-#include "eval/association.h"
 #include "geometry/alignment.h"
+#include "geometry/pose_association.h"
 
 namespace cairn::eval {
 

@@ -2,10 +2,10 @@
 
 #include <cmath>
 
-#include "eval/association.h"
 #include "eval/ate.h"
 #include "eval/reference.h"
 #include "geometry/pose_alignment.h"
+#include "geometry/pose_association.h"
 
 namespace cairn::eval {
 

@@ -1,28 +1,28 @@
-#include "eval/association.h"
+#include "geometry/pose_association.h"
 
 #include <algorithm>
 
-namespace cairn::eval {
+namespace cairn {
 
-std::vector<io::StampedPose> SortedFinite(std::span<const io::StampedPose> poses) {
-  std::vector<io::StampedPose> sorted;
-  for (const io::StampedPose& pose : poses) {
+std::vector<StampedPose> SortedFinite(std::span<const StampedPose> poses) {
+  std::vector<StampedPose> sorted;
+  for (const StampedPose& pose : poses) {
     if (pose.world_from_camera.translation().allFinite()) sorted.push_back(pose);
   }
   std::stable_sort(sorted.begin(), sorted.end(),
-                   [](const io::StampedPose& x, const io::StampedPose& y) { return x.time_ns < y.time_ns; });
+                   [](const StampedPose& x, const StampedPose& y) { return x.time_ns < y.time_ns; });
   return sorted;
 }
 
-std::vector<Association> AssociateNearest(std::span<const io::StampedPose> estimate,
-                                          std::span<const io::StampedPose> groundtruth, double max_dt_s) {
+std::vector<Association> AssociateNearest(std::span<const StampedPose> estimate,
+                                          std::span<const StampedPose> groundtruth, double max_dt_s) {
   std::vector<Association> pairs;
   if (groundtruth.empty()) return pairs;
   const TimeNs max_dt_ns = FromSeconds(max_dt_s);
   for (std::size_t i = 0; i < estimate.size(); ++i) {
     const TimeNs t = estimate[i].time_ns;
     const auto after = std::lower_bound(groundtruth.begin(), groundtruth.end(), t,
-                                        [](const io::StampedPose& pose, TimeNs time) { return pose.time_ns < time; });
+                                        [](const StampedPose& pose, TimeNs time) { return pose.time_ns < time; });
     auto nearest = after;
     if (after == groundtruth.end() ||
         (after != groundtruth.begin() && t - (after - 1)->time_ns <= after->time_ns - t)) {
@@ -34,7 +34,7 @@ std::vector<Association> AssociateNearest(std::span<const io::StampedPose> estim
   return pairs;
 }
 
-PairedPoses PosesOf(std::span<const io::StampedPose> estimate, std::span<const io::StampedPose> groundtruth,
+PairedPoses PosesOf(std::span<const StampedPose> estimate, std::span<const StampedPose> groundtruth,
                     std::span<const Association> pairs) {
   PairedPoses poses;
   for (const Association& pair : pairs) {
@@ -44,4 +44,4 @@ PairedPoses PosesOf(std::span<const io::StampedPose> estimate, std::span<const i
   return poses;
 }
 
-}  // namespace cairn::eval
+}  // namespace cairn

@@ -1,15 +1,15 @@
-// Which ground-truth sample belongs to which estimated pose.
+// Which pose of a reference belongs to which estimated pose, by their times.
 #pragma once
 
 #include <span>
 #include <vector>
 
-#include "io/trajectory.h"
+#include "geometry/stamped_pose.h"
 
-namespace cairn::eval {
+namespace cairn {
 
 // Sorted by time, without poses whose position is not finite (how files mark "no ground truth here").
-std::vector<io::StampedPose> SortedFinite(std::span<const io::StampedPose> poses);
+std::vector<StampedPose> SortedFinite(std::span<const StampedPose> poses);
 
 struct Association {
   std::size_t estimate = 0;     // index into the estimate
@@ -18,14 +18,14 @@ struct Association {
 
 // For each estimated pose the nearest ground truth in time, no interpolation, the earlier one of two equally near; none
 // if it is further than max_dt_s. Both sorted by time.
-std::vector<Association> AssociateNearest(std::span<const io::StampedPose> estimate,
-                                          std::span<const io::StampedPose> groundtruth, double max_dt_s);
+std::vector<Association> AssociateNearest(std::span<const StampedPose> estimate,
+                                          std::span<const StampedPose> groundtruth, double max_dt_s);
 
 // The poses of associated pairs, as geometry/pose_alignment.h takes them.
 struct PairedPoses {
   std::vector<SE3> estimate, groundtruth;
 };
-PairedPoses PosesOf(std::span<const io::StampedPose> estimate, std::span<const io::StampedPose> groundtruth,
+PairedPoses PosesOf(std::span<const StampedPose> estimate, std::span<const StampedPose> groundtruth,
                     std::span<const Association> pairs);
 
-}  // namespace cairn::eval
+}  // namespace cairn
