@@ -26,6 +26,7 @@ absl::StatusOr<std::unique_ptr<MapStore>> OpenMapStore(const std::string& uri, O
 absl::StatusOr<std::unique_ptr<MapStore>> CreateMapStore(const std::string& uri, const map::MapInfo& info,
                                                          CreateOptions options) {
   CAIRN_RETURN_IF_ERROR(CheckIsPath(uri));
+  if (options.at_once) return SqliteMapStore::Create(uri, info, options);
   return NewSqliteMap::Create(uri, info, std::move(options));
 }
 

@@ -17,6 +17,7 @@
 #include "base/status.h"
 #include "map/changed_rows.h"
 #include "map/delta.h"
+#include "map/history.h"
 #include "map/snapshot.h"
 #include "store/fault.h"
 
@@ -36,6 +37,8 @@ struct WriteOptions {
 struct CreateOptions {
   bool overwrite = false;       // replace a map that is there, in one step, once the new one is complete
   std::string vocabulary = {};  // serialised; stored with the map from the start (or later by PutVocabulary)
+  // The map is there at once, without keyframes.
+  bool at_once = false;
   WriteOptions write = {};
 };
 
@@ -59,43 +62,13 @@ struct MapSummary {
   std::int64_t vocabulary_bytes = 0;  // of these
 };
 
-// One line of the log of changes; the newest kMaxLoggedChanges are kept.
-struct LoggedChange {
-  Revision revision = 0;  // after the change
-  std::string reason;
-  SessionId session;                    // that made it; none: somebody else, or made by a format before 4
-  std::int64_t committed_unix_ns = 0;   // 0: not recorded
-  std::vector<ComponentId> components;  // whose keyframes, points or own row it put or removed, ascending
-  // What it put (added or replaced) and removed.
-  std::int64_t keyframes_put = 0;
-  std::int64_t keyframes_removed = 0;
-  std::int64_t points_put = 0;
-  std::int64_t points_removed = 0;
-  std::int64_t cameras_put = 0;
-  std::int64_t cameras_removed = 0;
-  std::int64_t sessions_put = 0;
-  std::int64_t components_put = 0;
-  std::int64_t components_removed = 0;
-  bool info_put = false;
-};
-inline constexpr int kMaxLoggedChanges = 1000;
-
-// Which of them: those that fit all that is said.
-struct ChangeQuery {
-  Revision from_revision = 0;  // those that made this revision and later ones
-  SessionId session;           // none: whoever made them
-  int max_count = kMaxLoggedChanges;
-};
+using map::ChangeQuery;
+using map::Finding;
+using map::kMaxLoggedChanges;
+using map::LoggedChange;
 
 // How far back MapStore::ReadDelta() reaches: what was removed in the newest so many revisions is remembered.
 inline constexpr Revision kMaxDeltaRevisions = 1000;
-
-// Something wrong with a map.
-struct Finding {
-  std::string table;    // empty: the map as a whole
-  std::int64_t id = 0;  // of the row; 0: the table as a whole
-  std::string message;
-};
 
 class MapStore {
  public:
@@ -167,11 +140,17 @@ class MapStore {
 absl::StatusOr<std::unique_ptr<MapStore>> OpenMapStore(const std::string& uri, OpenMode mode,
                                                        const WriteOptions& options = {});
 
-// A new map, open for writing. It comes into being with the first keyframe that is committed: whoever commits none
-// leaves nothing behind. A map that is to be overwritten stays until Close(), which replaces it in one step; until then
-// the new one is complete up to its last commit beside it, named in docs/map-format.md, and after a kill both are
-// there. Faults: kExists, kNotAMap (what is to be overwritten is something else), kReadOnly, kFull, kBusy;
-// InvalidArgument if `info` or the name makes no sense. These are found now, not when the first keyframe comes.
+// Gives a map another name, in one step; what a killed writer left in its log goes along. kExists if there is a map of
+// that name, kBusy if somebody writes it, kForeignLog as of OpenMapStore; FailedPrecondition for a map that is a link
+// to another. Readers that have it open notice (kMoved) when they look next.
+absl::Status MoveMapStore(const std::string& from_uri, const std::string& to_uri);
+
+// A new map, open for writing. It comes into being with the first keyframe that is committed (unless it is to be there
+// at once): whoever commits none leaves nothing behind. A map that is to be overwritten stays until Close(), which
+// replaces it in one step; until then the new one is complete up to its last commit beside it, named in
+// docs/map-format.md, and after a kill both are there. Faults: kExists, kNotAMap (what is to be overwritten is
+// something else), kReadOnly, kFull, kBusy; InvalidArgument if `info` or the name makes no sense. These are found now,
+// not when the first keyframe comes.
 absl::StatusOr<std::unique_ptr<MapStore>> CreateMapStore(const std::string& uri, const map::MapInfo& info,
                                                          CreateOptions options = {});
 

@@ -1,0 +1,57 @@
+// A map file under another name.
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+
+#include "store/file_paths.h"
+#include "store/map_open.h"
+#include "store/map_store.h"
+#include "store/sqlite.h"
+#include "store/write_ahead_log.h"
+#include "store/writer_lock.h"
+
+namespace cairn::store {
+namespace {
+
+// Puts what a killed writer left in the log into the file: the log goes by the file's name.
+absl::Status FoldLog(const std::string& path) {
+  const std::string log = absl::StrCat(path, kLogSuffix);
+  if (!HasContent(log)) return absl::OkStatus();
+  CAIRN_RETURN_IF_ERROR(CheckLog(path));
+  CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(path, Database::Mode::kReadWrite));
+  CAIRN_RETURN_IF_ERROR(database->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
+  CAIRN_RETURN_IF_ERROR(database->Close());
+  if (!HasContent(log)) return absl::OkStatus();
+  return MakeFault(Fault::kBusy, "somebody is reading it, so that its newest changes are not in the file: try again");
+}
+
+absl::Status MoveFile(const std::string& from, const std::string& to) {
+  std::error_code error;
+  if (std::filesystem::is_symlink(from, error)) {
+    return absl::FailedPreconditionError("it is a link to another file: move that");
+  }
+  CAIRN_ASSIGN_OR_RETURN(const std::string source, ResolveExisting(from));
+  CAIRN_ASSIGN_OR_RETURN(const std::string target, ResolveNew(to));
+  CAIRN_RETURN_IF_ERROR(CheckNoCompanion(target));
+  CAIRN_RETURN_IF_ERROR(CheckFileSystem(source));
+  CAIRN_RETURN_IF_ERROR(CheckOneName(source));
+  CAIRN_ASSIGN_OR_RETURN(const auto source_lock, WriterLock::Acquire(source));
+  CAIRN_ASSIGN_OR_RETURN(const auto target_lock, WriterLock::Acquire(target));
+  if (access(target.c_str(), F_OK) == 0) return MakeFault(Fault::kExists, "there is a file of the new name already");
+  CAIRN_RETURN_IF_ERROR(FoldLog(source));
+  RemoveCompanions(source);
+  RemoveCompanions(target);
+  if (rename(source.c_str(), target.c_str()) != 0) return SystemFault("giving it another name", errno);
+  CAIRN_RETURN_IF_ERROR(SyncFolder(FolderOf(target)));
+  return SyncFolder(FolderOf(source));
+}
+
+}  // namespace
+
+absl::Status MoveMapStore(const std::string& from_uri, const std::string& to_uri) {
+  return Annotate(MoveFile(from_uri, to_uri), absl::StrCat("moving map ", from_uri));
+}
+
+}  // namespace cairn::store

@@ -1,0 +1,103 @@
+// Maps under other names.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+
+#include "store/map_store.h"
+#include "store/sqlite_map_store.h"
+#include "store/testing_files.h"
+#include "store/testing_maps.h"
+
+namespace cairn::store {
+namespace {
+
+using testing::ExitCode;
+using testing::InChild;
+using testing::MapGrower;
+using testing::TempFolder;
+using testing::TestInfo;
+
+// A map with so many keyframes; with `die` its writer is killed, so that its changes are in the log.
+Revision WriteMap(const std::string& path, int keyframes, bool die = false) {
+  const pid_t child = InChild([&] {
+    map::MapInfo info = TestInfo();
+    info.vocabulary_hash = 0;  // none
+    auto file = SqliteMapStore::Create(path, info);
+    if (!file.ok()) return 1;
+    MapGrower grower(1);
+    auto map = map::Snapshot::Empty(info);
+    for (int i = -1; i < keyframes; ++i) {
+      const map::Delta delta = i < 0 ? grower.Start(map) : grower.AddKeyframe(map);
+      map = *map->Apply(delta);
+      if (!(*file)->Commit(delta).ok()) return 1;
+    }
+    if (die) kill(getpid(), SIGKILL);
+    return (*file)->Close().ok() ? 0 : 1;
+  });
+  EXPECT_EQ(ExitCode(child), die ? -1 : 0);
+  return static_cast<Revision>(keyframes) + 1;
+}
+
+Revision RevisionAt(const std::string& path) {
+  const auto map = OpenMapStore(path, OpenMode::kRead);
+  EXPECT_TRUE(map.ok()) << map.status();
+  if (!map.ok()) return 0;
+  EXPECT_THAT(*(*map)->Verify(), ::testing::IsEmpty());
+  return *(*map)->ReadRevision();
+}
+
+TEST(MapMove, WithWhatAKilledWriterLeft) {
+  for (const bool die : {false, true}) {
+    const TempFolder folder;
+    std::filesystem::create_directory(folder.File("trash"));
+    const Revision revision = WriteMap(folder.File("a.cairn"), 3, die);
+    EXPECT_EQ(std::filesystem::exists(folder.File("a.cairn-wal")), die);
+    const absl::Status moved = MoveMapStore(folder.File("a.cairn"), folder.File("trash/b.cairn"));
+    ASSERT_TRUE(moved.ok()) << moved;
+    EXPECT_EQ(RevisionAt(folder.File("trash/b.cairn")), revision);
+    EXPECT_THAT(folder.Names(), ::testing::ElementsAre("trash")) << "neither the file nor its log";
+  }
+}
+
+TEST(MapMove, ReadersNotice) {
+  const TempFolder folder;
+  WriteMap(folder.File("a.cairn"), 2);
+  const auto reader = *OpenMapStore(folder.File("a.cairn"), OpenMode::kRead);
+  ASSERT_TRUE(reader->LoadSnapshot().ok());
+  ASSERT_TRUE(MoveMapStore(folder.File("a.cairn"), folder.File("b.cairn")).ok());
+  EXPECT_EQ(FaultOf(reader->ReadRevision().status()), Fault::kMoved);
+}
+
+TEST(MapMove, WhatStandsAgainstIt) {
+  const TempFolder folder;
+  const Revision revision = WriteMap(folder.File("a.cairn"), 2);
+  WriteMap(folder.File("b.cairn"), 1);
+  EXPECT_EQ(FaultOf(MoveMapStore(folder.File("a.cairn"), folder.File("b.cairn"))), Fault::kExists);
+  EXPECT_EQ(FaultOf(MoveMapStore(folder.File("c.cairn"), folder.File("d.cairn"))), Fault::kNotFound);
+  EXPECT_EQ(MoveMapStore(folder.File("a.cairn"), folder.File("a.cairn-wal")).code(),
+            absl::StatusCode::kInvalidArgument);
+  {
+    const auto writer = OpenMapStore(folder.File("a.cairn"), OpenMode::kWrite);
+    ASSERT_TRUE(writer.ok()) << writer.status();
+    EXPECT_EQ(FaultOf(MoveMapStore(folder.File("a.cairn"), folder.File("d.cairn"))), Fault::kBusy);
+  }
+  std::filesystem::create_symlink(folder.File("a.cairn"), folder.File("link.cairn"));
+  EXPECT_EQ(MoveMapStore(folder.File("link.cairn"), folder.File("d.cairn")).code(),
+            absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(RevisionAt(folder.File("a.cairn")), revision);
+  EXPECT_FALSE(std::filesystem::exists(folder.File("d.cairn")));
+}
+
+TEST(MapMove, AlsoWhatIsDamaged) {
+  const TempFolder folder;
+  std::ofstream(folder.File("a.cairn")) << "this is no map";
+  EXPECT_TRUE(MoveMapStore(folder.File("a.cairn"), folder.File("b.cairn")).ok());
+  EXPECT_TRUE(std::filesystem::exists(folder.File("b.cairn")));
+}
+
+}  // namespace
+}  // namespace cairn::store
