@@ -25,7 +25,7 @@ ALLOWED = {
     'cairn': [],  # the public headers
     'wire': ['api', 'store'],
     'client': ['api', 'direct', 'tracking', 'health', 'store', 'wire', 'cairn'],
-    'host': ['engine', 'client'],
+    'host': ['engine', 'client', 'io'],
     'server': ['host', 'wire', 'io'],
     'synth': ['io'],
     'eval': ['io'],

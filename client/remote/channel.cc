@@ -18,6 +18,11 @@ std::string ServiceConfig(int attempts) {
   return absl::StrFormat(
       R"({"methodConfig": [{"name": [{"service": "cairn.v1.Maps", "method": "ListMaps"},
                                      {"service": "cairn.v1.Maps", "method": "DescribeMap"},
+                                     {"service": "cairn.v1.Admin", "method": "ListDeletedMaps"},
+                                     {"service": "cairn.v1.Admin", "method": "VerifyMap"},
+                                     {"service": "cairn.v1.Admin", "method": "ReadLog"},
+                                     {"service": "cairn.v1.Sessions", "method": "ListSessions"},
+                                     {"service": "cairn.v1.Status"},
                                      {"service": "cairn.v1.Localize"}],
           "retryPolicy": {"maxAttempts": %d, "initialBackoff": "0.1s", "maxBackoff": "1s", "backoffMultiplier": 2,
                           "retryableStatusCodes": ["UNAVAILABLE"]}}]})",

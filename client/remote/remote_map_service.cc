@@ -1,53 +1,23 @@
 #include "client/remote/remote_map_service.h"
 
-#include <cairn/v1/localize.grpc.pb.h>
-#include <cairn/v1/maps.grpc.pb.h>
-
-#include <map>
-#include <mutex>
 #include <utility>
 
 #include "base/guarded.h"
 #include "client/local_tracker.h"
 #include "client/query_image.h"
-#include "client/remote/channel.h"
 #include "client/remote/followed_map.h"
 #include "client/remote/remote_session.h"
 #include "client/remote/served_tracker.h"
+#include "client/remote/stubs.h"
 #include "client/view_feed.h"
 #include "wire/convert.h"
 
 namespace cairn::client {
 
-struct RemoteMapService::Stubs {
-  explicit Stubs(const RemoteOptions& given)
-      : options(given),
-        channel(NewChannel(given)),
-        maps(v1::Maps::NewStub(channel)),
-        localize(v1::Localize::NewStub(channel)) {}
-
-  // One call with its deadline.
-  template <class Function>
-  absl::Status Call(Function&& call) const {
-    return Guarded([&] {
-      grpc::ClientContext context;
-      SetDeadline(options.deadline_s, &context);
-      return FromGrpc(call(&context), options.server);
-    });
-  }
-
-  const RemoteOptions options;
-  const std::shared_ptr<grpc::Channel> channel;
-  const std::unique_ptr<v1::Maps::Stub> maps;
-  const std::unique_ptr<v1::Localize::Stub> localize;
-
-  std::mutex mutex;  // of the maps that are followed
-  std::map<std::string, std::weak_ptr<FollowedMap>> followed;
-};
-
 absl::Status RemoteOptions::Validate() const {
   if (server.empty()) return absl::InvalidArgumentError("server: name it as HOST:PORT");
   if (!(deadline_s > 0.0)) return absl::InvalidArgumentError("server: deadline_s must be positive");
+  if (!(long_deadline_s > 0.0)) return absl::InvalidArgumentError("server: long_deadline_s must be positive");
   if (!(outage_s >= 0.0)) return absl::InvalidArgumentError("server: outage_s must not be negative");
   if (attempts < 1 || attempts > 5) return absl::InvalidArgumentError("server: attempts must be 1 to 5");
   return tracker.Validate();
@@ -67,7 +37,9 @@ absl::StatusOr<std::vector<api::MapSummary>> RemoteMapService::List() {
   v1::ListMapsResponse response;
   CAIRN_RETURN_IF_ERROR(stubs_->Call([&](auto* call) { return stubs_->maps->ListMaps(call, {}, &response); }));
   std::vector<api::MapSummary> maps;
-  for (const v1::MapSummary& map : response.maps()) maps.push_back(wire::FromProto(map));
+  for (const v1::MapSummary& map : response.maps()) {
+    CAIRN_ASSIGN_OR_RETURN(maps.emplace_back(), wire::FromProto(map));
+  }
   return maps;
 }
 
@@ -93,6 +65,24 @@ absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Localize(const std::string
   v1::LocalizeImageResponse response;
   CAIRN_RETURN_IF_ERROR(
       stubs_->Call([&](auto* call) { return stubs_->localize->LocalizeImage(call, request, &response); }));
+  return wire::FromProto(response);
+}
+
+absl::StatusOr<api::AcrossAnswer> RemoteMapService::LocalizeAcross(const std::vector<std::string>& maps,
+                                                                   const api::LocalizeQuery& query) {
+  if (query.prior) return absl::InvalidArgumentError("localize: a prior is of one map, not of several");
+  CAIRN_RETURN_IF_ERROR(CheckImage(query.image, query.camera, "localize"));
+  v1::LocalizeInMapsRequest request;
+  for (const std::string& map : maps) {
+    CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+    request.add_maps(map);
+  }
+  wire::ToProto(query.image, request.mutable_image());
+  wire::ToProto(query.camera, request.mutable_camera());
+  request.set_time_ns(query.time_ns);
+  v1::LocalizeInMapsResponse response;
+  CAIRN_RETURN_IF_ERROR(
+      stubs_->LongCall([&](auto* call) { return stubs_->localize->LocalizeInMaps(call, request, &response); }));
   return wire::FromProto(response);
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "api/map_service.h"
+#include "api/server_status.h"
 #include "base/status.h"
 #include "client/local_tracker_options.h"
 
@@ -24,6 +25,7 @@ enum class TrackAt {
 struct RemoteOptions {
   std::string server = "localhost:7878";  // HOST:PORT, or unix:/path
   double deadline_s = 30.0;               // of each call, retries included
+  double long_deadline_s = 1800.0;        // of calls that go over all of a map: copies, checks, files
   // A call that only reads is made again when the server could not be reached, so often in all, after 0.1 to 1 s.
   int attempts = 4;
   // A session whose connection breaks tries so long to go on.
@@ -43,6 +45,8 @@ class RemoteMapService : public api::MapService {
   absl::StatusOr<std::vector<api::MapSummary>> List() override;
   absl::StatusOr<api::MapDescription> Describe(const std::string& map) override;
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
+  absl::StatusOr<api::AcrossAnswer> LocalizeAcross(const std::vector<std::string>& maps,
+                                                   const api::LocalizeQuery& query) override;
   // RemoteOptions says where it tracks.
   absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override;
   // The two kinds of it: here, in a copy of the map, of which there is one for all trackers in it
@@ -57,6 +61,20 @@ class RemoteMapService : public api::MapService {
   // Sessions survive broken connections and restarts of the server (client/remote/remote_session.h).
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override;
+  absl::StatusOr<std::vector<api::ActiveSession>> Sessions(const std::string& map) override;
+
+  absl::StatusOr<api::MapSummary> Create(const std::string& map, const std::string& title) override;
+  absl::StatusOr<api::MapSummary> Snapshot(const std::string& map, const std::string& as) override;
+  absl::StatusOr<std::string> Delete(const std::string& map) override;
+  absl::StatusOr<std::vector<api::DeletedMap>> ListDeleted() override;
+  absl::StatusOr<std::string> Restore(const std::string& deleted, const std::string& as) override;
+  absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth depth) override;
+  absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& request) override;
+  absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& query) override;
+  absl::Status Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) override;
+
+  // How the server is doing.
+  absl::StatusOr<api::ServerStatus> Status();
 
  private:
   struct Stubs;

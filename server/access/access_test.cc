@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
@@ -81,6 +82,44 @@ class FakeMaps : public api::MapService {
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override {
     return std::unique_ptr<api::MapSession>(new FakeSession(token));
   }
+  absl::StatusOr<api::AcrossAnswer> LocalizeAcross(const std::vector<std::string>& maps,
+                                                   const api::LocalizeQuery& /*query*/) override {
+    return Reach("across", absl::StrJoin(maps, "+"), api::AcrossAnswer());
+  }
+  absl::StatusOr<std::vector<api::ActiveSession>> Sessions(const std::string& /*map*/) override {
+    std::vector<api::ActiveSession> sessions(2);
+    sessions[0].map = "office";
+    sessions[1].map = "secret";
+    return sessions;
+  }
+  absl::StatusOr<api::MapSummary> Create(const std::string& map, const std::string& /*title*/) override {
+    return Reach("create", map, api::MapSummary());
+  }
+  absl::StatusOr<api::MapSummary> Snapshot(const std::string& map, const std::string& as) override {
+    return Reach("snapshot to " + as, map, api::MapSummary());
+  }
+  absl::StatusOr<std::string> Delete(const std::string& map) override { return Reach("delete", map, map + ".1"); }
+  absl::StatusOr<std::vector<api::DeletedMap>> ListDeleted() override {
+    return std::vector<api::DeletedMap>{{"office.1", "office", 1, 1}, {"secret.1", "secret", 1, 1}};
+  }
+  absl::StatusOr<std::string> Restore(const std::string& deleted, const std::string& as) override {
+    reached_.insert("restore " + deleted + " as " + as);
+    return as;
+  }
+  absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth /*depth*/) override {
+    return Reach("verify", map, api::MapVerification());
+  }
+  absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& /*request*/) override {
+    return Reach("align", map, api::AlignAnswer());
+  }
+  absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& /*query*/) override {
+    return Reach("log", map, api::MapLog());
+  }
+  absl::Status Export(const std::string& map, api::ExportContent /*content*/,
+                      const api::ExportSink& /*sink*/) override {
+    return Reach("export", map, 0).status();
+  }
+
   // By "call map".
   std::set<std::string> reached_;
   std::string client_;
@@ -238,6 +277,54 @@ TEST_F(AccessTest, WithoutTokensClientsAreCountedByAddress) {
   caller.peer = "192.0.2.7";
   EXPECT_EQ(access_->Identify(caller)->limited_as, "peer 192.0.2.7");
   EXPECT_TRUE(access_->Require(*access_->Identify(caller), Right::kAdmin, "*").ok());
+}
+
+TEST_F(AccessTest, KeepingMapsNeedsItsRights) {
+  Token wanted;
+  wanted.name = "keeper";
+  wanted.maps = {"office", "copy"};
+  wanted.right = Right::kAdmin;
+  const std::string keeper = *CreateToken(options_.tokens, wanted, absl::ToUnixSeconds(absl::Now()));
+  access_ = *Access::Open(options_);
+  const auto denied = [](const auto& result) { return absl::IsPermissionDenied(result.status()); };
+
+  AuthorizedMaps reads = As(reader_);
+  EXPECT_TRUE(reads.Verify("office", api::VerifyDepth::kStored).ok());
+  EXPECT_TRUE(reads.Log("office", {}).ok());
+  EXPECT_TRUE(reads.Export("office", api::ExportContent::kMap, nullptr).ok());
+  EXPECT_EQ(reads.Sessions("office")->size(), 1u) << "not those of other maps";
+  EXPECT_TRUE(reads.LocalizeAcross({}, {}).ok());
+  EXPECT_TRUE(maps_.reached_.contains("across office")) << "only what it may read";
+  EXPECT_TRUE(denied(reads.LocalizeAcross({"office", "secret"}, {})));
+  EXPECT_TRUE(denied(reads.Verify("secret", api::VerifyDepth::kStored)));
+  EXPECT_TRUE(denied(reads.Log("secret", {})));
+  EXPECT_TRUE(absl::IsPermissionDenied(reads.Export("secret", api::ExportContent::kMap, nullptr)));
+  EXPECT_TRUE(denied(reads.Sessions("secret")));
+  EXPECT_TRUE(denied(reads.Create("office", "")));
+  EXPECT_TRUE(reads.ListDeleted()->empty());
+
+  AuthorizedMaps extends = As(robot_);
+  EXPECT_TRUE(extends.Create("office", "").ok());
+  EXPECT_TRUE(denied(extends.Snapshot("office", "office")));
+  EXPECT_TRUE(denied(extends.Delete("office")));
+  EXPECT_TRUE(denied(extends.Restore("office.1", "")));
+  EXPECT_TRUE(denied(extends.Align("office", {})));
+
+  AuthorizedMaps keeps = As(keeper);
+  EXPECT_TRUE(keeps.Snapshot("office", "copy").ok());
+  EXPECT_TRUE(denied(keeps.Snapshot("office", "secret")));
+  EXPECT_TRUE(denied(keeps.Snapshot("secret", "copy")));
+  EXPECT_TRUE(keeps.Delete("office").ok());
+  EXPECT_EQ(keeps.ListDeleted()->size(), 1u);
+  EXPECT_TRUE(keeps.Restore("office.1", "copy").ok());
+  EXPECT_TRUE(denied(keeps.Restore("office.1", "secret")));
+  EXPECT_TRUE(denied(keeps.Restore("secret.1", "copy")));
+  EXPECT_TRUE(keeps.Align("office", {}).ok());
+  std::vector<std::string> written;
+  for (const json& line : Audit())
+    written.push_back(line["action"].get<std::string>() + " " + line["map"].get<std::string>());
+  EXPECT_THAT(written, testing::IsSupersetOf({"map_created office", "map_copied copy", "map_copied secret",
+                                              "map_deleted office", "map_restored office", "map_aligned office"}));
 }
 
 }  // namespace

@@ -88,13 +88,7 @@ absl::Status AuthorizedMaps::Require(Right right, const std::string& map) {
 
 absl::StatusOr<std::vector<api::MapSummary>> AuthorizedMaps::List() {
   CAIRN_ASSIGN_OR_RETURN(std::vector<api::MapSummary> maps, maps_.List());
-  absl::Status failed;  // of the tokens as a whole, not of one map
-  std::erase_if(maps, [&](const api::MapSummary& map) {
-    const absl::Status allowed = access_.Require(client_, Right::kRead, map.name);
-    if (!allowed.ok() && !absl::IsPermissionDenied(allowed)) failed = allowed;
-    return !allowed.ok();
-  });
-  CAIRN_RETURN_IF_ERROR(failed);
+  CAIRN_RETURN_IF_ERROR(KeepAllowed(Right::kRead, &maps, [](const api::MapSummary& map) { return map.name; }));
   return maps;
 }
 
@@ -106,6 +100,17 @@ absl::StatusOr<api::MapDescription> AuthorizedMaps::Describe(const std::string& 
 absl::StatusOr<api::LocalizeAnswer> AuthorizedMaps::Localize(const std::string& map, const api::LocalizeQuery& query) {
   CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
   return maps_.Localize(map, query);
+}
+
+absl::StatusOr<api::AcrossAnswer> AuthorizedMaps::LocalizeAcross(const std::vector<std::string>& maps,
+                                                                 const api::LocalizeQuery& query) {
+  for (const std::string& map : maps) CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
+  if (!maps.empty() || access_.Require(client_, Right::kRead, "*").ok()) return maps_.LocalizeAcross(maps, query);
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<api::MapSummary> readable, List());
+  std::vector<std::string> names;
+  for (const api::MapSummary& map : readable) names.push_back(map.name);
+  if (names.empty()) return absl::PermissionDeniedError("there is no map that this token may read");
+  return maps_.LocalizeAcross(names, query);
 }
 
 absl::StatusOr<std::unique_ptr<api::Tracker>> AuthorizedMaps::NewTracker(const std::string& map, const Camera& camera) {

@@ -31,8 +31,36 @@ class AuthorizedMaps final : public api::MapService {
                                                        const api::FollowRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override;
+  // Without names: those that the client may read.
+  absl::StatusOr<api::AcrossAnswer> LocalizeAcross(const std::vector<std::string>& maps,
+                                                   const api::LocalizeQuery& query) override;
+  // Without a name: those in maps that the client may read.
+  absl::StatusOr<std::vector<api::ActiveSession>> Sessions(const std::string& map) override;
+
+  // What keeps maps, and changes them (authorized_admin.cc).
+  absl::StatusOr<api::MapSummary> Create(const std::string& map, const std::string& title) override;
+  absl::StatusOr<api::MapSummary> Snapshot(const std::string& map, const std::string& as) override;
+  absl::StatusOr<std::string> Delete(const std::string& map) override;
+  // Only those that the client might restore.
+  absl::StatusOr<std::vector<api::DeletedMap>> ListDeleted() override;
+  absl::StatusOr<std::string> Restore(const std::string& deleted, const std::string& as) override;
+  absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth depth) override;
+  absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& request) override;
+  absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& query) override;
+  absl::Status Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) override;
 
  private:
+  // Takes out what is of maps on which the client does not have the right. `map_of`: the name of an item's.
+  template <class Item, class MapOf>
+  absl::Status KeepAllowed(Right right, std::vector<Item>* items, MapOf&& map_of) {
+    absl::Status failed;  // of the tokens as a whole, not of one map
+    std::erase_if(*items, [&](const Item& item) {
+      const absl::Status allowed = access_.Require(client_, right, map_of(item));
+      if (!allowed.ok() && !absl::IsPermissionDenied(allowed)) failed = allowed;
+      return !allowed.ok();
+    });
+    return failed;
+  }
   // PermissionDenied before anybody looks whether there is such a map; InvalidArgument for what is no name.
   absl::Status Require(Right right, const std::string& map);
 

@@ -1,5 +1,6 @@
 // Remote equals local: the conformance suites, asked over gRPC.
 #include "client/conformance/localizer_conformance.h"
+#include "client/conformance/map_admin_conformance.h"
 #include "client/conformance/map_service_conformance.h"
 #include "client/conformance/tracker_conformance.h"
 #include "server/grpc/testing_server.h"
@@ -27,6 +28,36 @@ struct ServiceWithServer : public api::MapService {
   }
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override {
     return service->ResumeSession(token);
+  }
+  absl::StatusOr<api::AcrossAnswer> LocalizeAcross(const std::vector<std::string>& maps,
+                                                   const api::LocalizeQuery& query) override {
+    return service->LocalizeAcross(maps, query);
+  }
+  absl::StatusOr<std::vector<api::ActiveSession>> Sessions(const std::string& map) override {
+    return service->Sessions(map);
+  }
+  absl::StatusOr<api::MapSummary> Create(const std::string& map, const std::string& title) override {
+    return service->Create(map, title);
+  }
+  absl::StatusOr<api::MapSummary> Snapshot(const std::string& map, const std::string& as) override {
+    return service->Snapshot(map, as);
+  }
+  absl::StatusOr<std::string> Delete(const std::string& map) override { return service->Delete(map); }
+  absl::StatusOr<std::vector<api::DeletedMap>> ListDeleted() override { return service->ListDeleted(); }
+  absl::StatusOr<std::string> Restore(const std::string& deleted, const std::string& as) override {
+    return service->Restore(deleted, as);
+  }
+  absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth depth) override {
+    return service->Verify(map, depth);
+  }
+  absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& request) override {
+    return service->Align(map, request);
+  }
+  absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& query) override {
+    return service->Log(map, query);
+  }
+  absl::Status Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) override {
+    return service->Export(map, content, sink);
   }
 
   std::unique_ptr<server::TestingServer> server;
@@ -88,6 +119,7 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& parameter) { return parameter.param.name; });
 INSTANTIATE_TEST_SUITE_P(Remote, LocalizerConformance, testing::Values(LocalizerFactory(&ConnectLocalizer)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapServiceConformance, testing::Values(MapServiceFactory(&ConnectService)));
+INSTANTIATE_TEST_SUITE_P(Remote, MapAdminConformance, testing::Values(MapServiceFactory(&ConnectService)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapSessionConformance, testing::Values(MapServiceFactory(&ConnectService)));
 
 }  // namespace

@@ -1,9 +1,11 @@
 #include "server/grpc/services.h"
 
+#include <cairn/v1/admin.grpc.pb.h>
 #include <cairn/v1/follow.grpc.pb.h>
 #include <cairn/v1/localize.grpc.pb.h>
 #include <cairn/v1/maps.grpc.pb.h>
 #include <cairn/v1/sessions.grpc.pb.h>
+#include <cairn/v1/status.grpc.pb.h>
 #include <cairn/v1/track.grpc.pb.h>
 
 #include "server/grpc/answer.h"
@@ -33,6 +35,65 @@ class MapsService final : public v1::Maps::Service {
   const CallContext& context_;
 };
 
+class AdminService final : public v1::Admin::Service {
+ public:
+  explicit AdminService(const CallContext* context) : context_(*context) {}
+
+  grpc::Status CreateMap(ServerContext* call, const v1::CreateMapRequest* request,
+                         v1::CreateMapResponse* response) override {
+    return AnswerOne(context_, call, "Admin.CreateMap", &server::CreateMap, *request, response);
+  }
+  grpc::Status SnapshotMap(ServerContext* call, const v1::SnapshotMapRequest* request,
+                           v1::SnapshotMapResponse* response) override {
+    return AnswerOne(context_, call, "Admin.SnapshotMap", &server::SnapshotMap, *request, response);
+  }
+  grpc::Status DeleteMap(ServerContext* call, const v1::DeleteMapRequest* request,
+                         v1::DeleteMapResponse* response) override {
+    return AnswerOne(context_, call, "Admin.DeleteMap", &server::DeleteMap, *request, response);
+  }
+  grpc::Status ListDeletedMaps(ServerContext* call, const v1::ListDeletedMapsRequest* request,
+                               v1::ListDeletedMapsResponse* response) override {
+    return AnswerOne(context_, call, "Admin.ListDeletedMaps", &server::ListDeletedMaps, *request, response);
+  }
+  grpc::Status RestoreMap(ServerContext* call, const v1::RestoreMapRequest* request,
+                          v1::RestoreMapResponse* response) override {
+    return AnswerOne(context_, call, "Admin.RestoreMap", &server::RestoreMap, *request, response);
+  }
+  grpc::Status VerifyMap(ServerContext* call, const v1::VerifyMapRequest* request,
+                         v1::VerifyMapResponse* response) override {
+    return AnswerOne(context_, call, "Admin.VerifyMap", &server::VerifyMap, *request, response);
+  }
+  grpc::Status AlignMap(ServerContext* call, const v1::AlignMapRequest* request,
+                        v1::AlignMapResponse* response) override {
+    return AnswerOne(context_, call, "Admin.AlignMap", &server::AlignMap, *request, response);
+  }
+  grpc::Status ReadLog(ServerContext* call, const v1::ReadLogRequest* request, v1::ReadLogResponse* response) override {
+    return AnswerOne(context_, call, "Admin.ReadLog", &server::ReadLog, *request, response);
+  }
+  grpc::Status ExportMap(ServerContext* call, const v1::ExportMapRequest* request,
+                         grpc::ServerWriter<v1::ExportMapResponse>* writer) override {
+    const auto write = [&](const v1::ExportMapResponse& part) { return writer->Write(part); };
+    return Answer(context_, call, "Admin.ExportMap", static_cast<std::int64_t>(request->ByteSizeLong()),
+                  [&](const CallContext& context) { return server::ExportMap(context, *request, write); });
+  }
+
+ private:
+  const CallContext& context_;
+};
+
+class StatusService final : public v1::Status::Service {
+ public:
+  explicit StatusService(const CallContext* context) : context_(*context) {}
+
+  grpc::Status GetStatus(ServerContext* call, const v1::GetStatusRequest* request,
+                         v1::GetStatusResponse* response) override {
+    return AnswerOne(context_, call, "Status.GetStatus", &server::GetStatus, *request, response);
+  }
+
+ private:
+  const CallContext& context_;
+};
+
 class LocalizeService final : public v1::Localize::Service {
  public:
   explicit LocalizeService(const CallContext* context) : context_(*context) {}
@@ -40,6 +101,10 @@ class LocalizeService final : public v1::Localize::Service {
   grpc::Status LocalizeImage(ServerContext* call, const v1::LocalizeImageRequest* request,
                              v1::LocalizeImageResponse* response) override {
     return AnswerOne(context_, call, "Localize.LocalizeImage", &server::LocalizeImage, *request, response);
+  }
+  grpc::Status LocalizeInMaps(ServerContext* call, const v1::LocalizeInMapsRequest* request,
+                              v1::LocalizeInMapsResponse* response) override {
+    return AnswerOne(context_, call, "Localize.LocalizeInMaps", &server::LocalizeInMaps, *request, response);
   }
 
  private:
@@ -120,6 +185,10 @@ class SessionsService final : public v1::Sessions::Service {
       return server::RunSession(context, &messages);
     });
   }
+  grpc::Status ListSessions(ServerContext* call, const v1::ListSessionsRequest* request,
+                            v1::ListSessionsResponse* response) override {
+    return AnswerOne(context_, call, "Sessions.ListSessions", &server::ListSessions, *request, response);
+  }
 
  private:
   const CallContext& context_;
@@ -130,6 +199,8 @@ class SessionsService final : public v1::Sessions::Service {
 std::vector<std::unique_ptr<grpc::Service>> MakeServices(const CallContext* context) {
   std::vector<std::unique_ptr<grpc::Service>> services;
   services.push_back(std::make_unique<MapsService>(context));
+  services.push_back(std::make_unique<AdminService>(context));
+  services.push_back(std::make_unique<StatusService>(context));
   services.push_back(std::make_unique<LocalizeService>(context));
   services.push_back(std::make_unique<SessionsService>(context));
   services.push_back(std::make_unique<TrackService>(context));

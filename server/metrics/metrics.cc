@@ -7,8 +7,11 @@
 #include <prometheus/text_serializer.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <mutex>
+#include <tuple>
 #include <utility>
 
 #include "base/version.h"
@@ -25,6 +28,57 @@ double ResidentBytes() {
   double pages = 0.0, resident = 0.0;
   statm >> pages >> resident;
   return statm ? resident * static_cast<double>(sysconf(_SC_PAGESIZE)) : 0.0;
+}
+
+std::string LabelOf(const prometheus::ClientMetric& metric, const std::string& name) {
+  for (const prometheus::ClientMetric::Label& label : metric.label) {
+    if (label.name == name) return label.value;
+  }
+  return "";
+}
+
+std::vector<api::ServerStatus::Count> CountsOf(const prometheus::MetricFamily& family, const std::string& label) {
+  std::vector<api::ServerStatus::Count> counts;
+  for (const prometheus::ClientMetric& metric : family.metric) {
+    counts.push_back({LabelOf(metric, label), static_cast<std::int64_t>(metric.counter.value)});
+  }
+  std::ranges::sort(counts, {}, &api::ServerStatus::Count::what);
+  return counts;
+}
+
+api::DurationHistogram HistogramOf(const prometheus::ClientMetric& metric) {
+  api::DurationHistogram histogram;
+  std::uint64_t below = 0;  // those of Prometheus are cumulative
+  for (const prometheus::ClientMetric::Bucket& bucket : metric.histogram.bucket) {
+    if (std::isfinite(bucket.upper_bound)) histogram.bounds_s.push_back(bucket.upper_bound);
+    histogram.counts.push_back(static_cast<std::int64_t>(bucket.cumulative_count - below));
+    below = bucket.cumulative_count;
+  }
+  histogram.sum_s = metric.histogram.sample_sum;
+  return histogram;
+}
+
+void AddFamily(const prometheus::MetricFamily& family, api::ServerStatus* status) {
+  if (family.name == "cairn_calls_total") {
+    for (const prometheus::ClientMetric& metric : family.metric) {
+      status->calls.push_back(
+          {LabelOf(metric, "call"), LabelOf(metric, "reason"), static_cast<std::int64_t>(metric.counter.value)});
+    }
+  } else if (family.name == "cairn_localize_total") {
+    status->localized = CountsOf(family, "outcome");
+  } else if (family.name == "cairn_track_frames_total") {
+    status->tracked = CountsOf(family, "state");
+  } else if (family.name == "cairn_session_frames_total") {
+    status->session_frames = CountsOf(family, "state");
+  } else if (family.name == "cairn_track_seconds") {
+    status->tracking = HistogramOf(family.metric.at(0));
+  } else if (family.name == "cairn_session_frame_seconds") {
+    status->session_frame = HistogramOf(family.metric.at(0));
+  } else if (family.name == "cairn_call_seconds") {
+    for (const prometheus::ClientMetric& metric : family.metric) {
+      if (LabelOf(metric, "call") == "Localize.LocalizeImage") status->localize = HistogramOf(metric);
+    }
+  }
 }
 
 }  // namespace
@@ -125,6 +179,24 @@ void Metrics::OnTracked(const api::TrackAnswer* answer) {
 void Metrics::OnSessionFrame(absl::string_view state, double seconds) {
   families_->frames.Add({{"state", std::string(state)}}).Increment();
   families_->frame_seconds.Observe(seconds);
+}
+
+api::ServerStatus Metrics::Status() {
+  const ServerState state = state_();
+  api::ServerStatus status;
+  status.version = kVersion;
+  status.uptime_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
+  status.resident_bytes = static_cast<std::int64_t>(ResidentBytes());
+  status.images_waiting = state.waiting;
+  for (const ServerState::Map& map : state.open_maps) {
+    status.maps.push_back({map.name, map.revision, map.bytes, map.writing});
+  }
+  status.sessions = state.active_sessions;
+  for (const prometheus::MetricFamily& family : families_->registry.Collect()) AddFamily(family, &status);
+  std::ranges::sort(status.calls, [](const auto& x, const auto& y) {
+    return std::tie(x.call, x.reason) < std::tie(y.call, y.reason);
+  });
+  return status;
 }
 
 std::string Metrics::Text() {

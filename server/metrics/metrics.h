@@ -1,6 +1,7 @@
 // What the server counts, as Prometheus reads it (docs/server.md lists the names).
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -17,14 +18,16 @@ struct ServerState {
     std::string name;
     Revision revision = 0;
     std::int64_t bytes = 0;  // in memory, roughly
+    bool writing = false;    // sessions are extending it
   };
-  std::vector<Map> open_maps;
+  std::vector<Map> open_maps;  // by name
+  std::vector<api::ActiveSession> active_sessions;
   std::int64_t waiting = 0;  // images that wait to be located
   int sessions = 0;
   int sessions_waiting = 0;  // for a client that was cut off
 };
 
-class Metrics : public CallObserver {
+class Metrics : public CallObserver, public StatusSource {
  public:
   explicit Metrics(std::function<ServerState()> state);
   ~Metrics() override;
@@ -34,6 +37,7 @@ class Metrics : public CallObserver {
   void OnTracked(const api::TrackAnswer* answer) override;
   void OnSessionFrame(absl::string_view state, double seconds) override;
 
+  api::ServerStatus Status() override;
   // In Prometheus' text format, version 0.0.4.
   std::string Text();
 
@@ -41,6 +45,7 @@ class Metrics : public CallObserver {
   struct Families;
   const std::function<ServerState()> state_;
   const std::unique_ptr<Families> families_;
+  const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
 };
 
 }  // namespace cairn::server

@@ -51,5 +51,51 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   EXPECT_THAT(text, HasSubstr("cairn_open_maps 1\n"));
 }
 
+TEST(Metrics, TheSameAsAStatus) {
+  ServerState state;
+  state.open_maps = {{"hall", 9, 500}, {"office", 7, 1000, true}};
+  state.waiting = 3;
+  api::ActiveSession session;
+  session.map = "office";
+  state.active_sessions = {session};
+  Metrics metrics([&] { return state; });
+  metrics.OnCall("Maps.ListMaps", "ok", 0.5);
+  metrics.OnCall("Localize.LocalizeImage", "ok", 0.015);
+  metrics.OnCall("Localize.LocalizeImage", "ok", 0.016);
+  metrics.OnCall("Localize.LocalizeImage", "invalid_argument", 100.0);
+  api::LocalizeAnswer answer;
+  metrics.OnLocalized(answer);
+  answer.localized = true;
+  metrics.OnLocalized(answer);
+  metrics.OnLocalized(answer);
+  metrics.OnSessionFrame("good", 0.0005);
+  metrics.OnTracked(nullptr);
+  const api::ServerStatus status = metrics.Status();
+  EXPECT_FALSE(status.version.empty());
+  EXPECT_GT(status.resident_bytes, 0);
+  EXPECT_EQ(status.images_waiting, 3);
+  ASSERT_EQ(status.maps.size(), 2u);
+  EXPECT_EQ(status.maps[1].revision, 7u);
+  EXPECT_TRUE(status.maps[1].writing);
+  ASSERT_EQ(status.sessions.size(), 1u);
+  ASSERT_EQ(status.calls.size(), 3u);
+  EXPECT_EQ(status.calls[0].call, "Localize.LocalizeImage");
+  EXPECT_EQ(status.calls[0].reason, "invalid_argument");
+  EXPECT_EQ(status.calls[1].count, 2);
+  ASSERT_EQ(status.localized.size(), 2u);
+  EXPECT_EQ(status.localized[0].what, "features");
+  EXPECT_EQ(status.localized[0].count, 1);
+  EXPECT_EQ(status.localized[1].what, "located");
+  EXPECT_EQ(status.localized[1].count, 2);
+  EXPECT_EQ(status.localize.total(), 3);
+  EXPECT_EQ(status.localize.counts.back(), 1) << "longer than the last bound";
+  EXPECT_GT(status.localize.Quantile(0.5), 0.01);
+  EXPECT_LE(status.localize.Quantile(0.5), 0.02);
+  EXPECT_EQ(status.session_frame.total(), 1);
+  EXPECT_EQ(status.tracking.total(), 0);
+  ASSERT_EQ(status.tracked.size(), 1u);
+  EXPECT_EQ(status.tracked[0].what, "refused");
+}
+
 }  // namespace
 }  // namespace cairn::server

@@ -2,11 +2,18 @@
 // api::MapService answers. Any thread. An error leaves the response undefined.
 #pragma once
 
+#include <cairn/v1/admin.pb.h>
+#include <cairn/v1/align.pb.h>
 #include <cairn/v1/localize.pb.h>
 #include <cairn/v1/maps.pb.h>
+#include <cairn/v1/sessions.pb.h>
+#include <cairn/v1/status.pb.h>
+
+#include <functional>
 
 #include "absl/strings/string_view.h"
 #include "api/map_service.h"
+#include "api/server_status.h"
 #include "base/status.h"
 #include "server/access/access.h"
 
@@ -29,6 +36,13 @@ class CallObserver {
   virtual void OnSessionFrame(absl::string_view state, double seconds) = 0;
 };
 
+// Who knows how the server is doing. From any thread.
+class StatusSource {
+ public:
+  virtual ~StatusSource() = default;
+  virtual api::ServerStatus Status() = 0;
+};
+
 // What a call works with. Serve() (serve.h) makes that of one call out of the server's: `maps` as the client may use
 // them.
 struct CallContext {
@@ -37,6 +51,7 @@ struct CallContext {
   CallObserver* observer = nullptr;  // null: nobody
   Access* access = nullptr;          // null: everyone may do everything
   const Client* client = nullptr;    // of one call: who asks
+  StatusSource* status = nullptr;    // null: nobody
 };
 
 absl::Status ListMaps(const CallContext& context, const v1::ListMapsRequest& request, v1::ListMapsResponse* response);
@@ -44,5 +59,29 @@ absl::Status DescribeMap(const CallContext& context, const v1::DescribeMapReques
                          v1::DescribeMapResponse* response);
 absl::Status LocalizeImage(const CallContext& context, const v1::LocalizeImageRequest& request,
                            v1::LocalizeImageResponse* response);
+absl::Status LocalizeInMaps(const CallContext& context, const v1::LocalizeInMapsRequest& request,
+                            v1::LocalizeInMapsResponse* response);
+absl::Status ListSessions(const CallContext& context, const v1::ListSessionsRequest& request,
+                          v1::ListSessionsResponse* response);
+absl::Status GetStatus(const CallContext& context, const v1::GetStatusRequest& request,
+                       v1::GetStatusResponse* response);
+
+absl::Status CreateMap(const CallContext& context, const v1::CreateMapRequest& request,
+                       v1::CreateMapResponse* response);
+absl::Status SnapshotMap(const CallContext& context, const v1::SnapshotMapRequest& request,
+                         v1::SnapshotMapResponse* response);
+absl::Status DeleteMap(const CallContext& context, const v1::DeleteMapRequest& request,
+                       v1::DeleteMapResponse* response);
+absl::Status ListDeletedMaps(const CallContext& context, const v1::ListDeletedMapsRequest& request,
+                             v1::ListDeletedMapsResponse* response);
+absl::Status RestoreMap(const CallContext& context, const v1::RestoreMapRequest& request,
+                        v1::RestoreMapResponse* response);
+absl::Status VerifyMap(const CallContext& context, const v1::VerifyMapRequest& request,
+                       v1::VerifyMapResponse* response);
+absl::Status AlignMap(const CallContext& context, const v1::AlignMapRequest& request, v1::AlignMapResponse* response);
+absl::Status ReadLog(const CallContext& context, const v1::ReadLogRequest& request, v1::ReadLogResponse* response);
+// `write` gives false once the client is gone.
+using ExportWriter = std::function<bool(const v1::ExportMapResponse&)>;
+absl::Status ExportMap(const CallContext& context, const v1::ExportMapRequest& request, const ExportWriter& write);
 
 }  // namespace cairn::server

@@ -8,7 +8,11 @@
 #include <string>
 #include <vector>
 
+#include "api/active_session.h"
+#include "api/localize_across.h"
 #include "api/localizer.h"
+#include "api/map_admin.h"
+#include "api/map_alignment.h"
 #include "api/map_feed.h"
 #include "api/map_session.h"
 #include "api/tracker.h"
@@ -33,8 +37,9 @@ struct MapSummary {
   std::int64_t components = 0;  // those that were joined to others included
   std::int64_t sessions = 0;
   std::int64_t file_bytes = 0;
-  bool open = false;     // in the memory of who keeps it
-  bool writing = false;  // sessions are extending it
+  bool open = false;                         // in the memory of who keeps it
+  bool writing = false;                      // sessions are extending it
+  std::optional<map::GeoAnchor> geo_anchor;  // none: it is not known where on the earth it is
 };
 
 // A camera that sessions of the map were made with.
@@ -62,6 +67,12 @@ struct MapDescription {
   std::vector<map::Session> sessions;     // without their loops, settings and trajectories
 };
 
+struct MapVerification {
+  std::optional<MapSummary> summary;   // none: not even that could be read
+  std::vector<map::Finding> findings;  // none: the map is good
+  std::vector<std::string> notes;      // what a user should know, but no damage
+};
+
 // Safe from several threads at once.
 class MapService {
  public:
@@ -77,6 +88,11 @@ class MapService {
   // As Localizer::Localize(), against the newest revision; further errors as of Describe().
   virtual absl::StatusOr<LocalizeAnswer> Localize(const std::string& map, const LocalizeQuery& query) = 0;
 
+  // The same against several maps; without any against all, of which there may be kMaxMapsAcross. Of those that cannot
+  // be read the status says why. Priors are of one map: InvalidArgument with one, and for more maps than that.
+  virtual absl::StatusOr<AcrossAnswer> LocalizeAcross(const std::vector<std::string>& maps,
+                                                      const LocalizeQuery& query) = 0;
+
   // Finds itself in the newest revision and follows those after it. Errors as of Describe(); InvalidArgument for a
   // camera that makes no sense.
   virtual absl::StatusOr<std::unique_ptr<Tracker>> NewTracker(const std::string& map, const Camera& camera) = 0;
@@ -90,6 +106,32 @@ class MapService {
   virtual absl::StatusOr<std::unique_ptr<MapSession>> StartSession(const SessionRequest& request) = 0;
   // One that was let go of. NotFound if there is none of this token (any more), FailedPrecondition if it is not let go.
   virtual absl::StatusOr<std::unique_ptr<MapSession>> ResumeSession(const std::string& token) = 0;
+  // Those that are running, by map, then by their start; with a name those of that map. Errors as of Describe(), but
+  // for a map that a session is making there need be no file yet.
+  virtual absl::StatusOr<std::vector<ActiveSession>> Sessions(const std::string& map) = 0;
+
+  // What follows is for those who keep the maps; errors as of Describe().
+
+  // A map without keyframes. AlreadyExists if there is one. `title`: empty: its name.
+  virtual absl::StatusOr<MapSummary> Create(const std::string& map, const std::string& title) = 0;
+  // Copies the newest durable revision, while sessions may go on writing. AlreadyExists if there is a map `as`. Of the
+  // copy.
+  virtual absl::StatusOr<MapSummary> Snapshot(const std::string& map, const std::string& as) = 0;
+  // Moves it to the trash; the name by which it is restored. FailedPrecondition while sessions extend it, Unavailable
+  // while another process does.
+  virtual absl::StatusOr<std::string> Delete(const std::string& map) = 0;
+  // What is in the trash, by time.
+  virtual absl::StatusOr<std::vector<DeletedMap>> ListDeleted() = 0;
+  // `as` empty: under the name that it had. That name. NotFound if it is not in the trash, AlreadyExists if there is a
+  // map of that name.
+  virtual absl::StatusOr<std::string> Restore(const std::string& deleted, const std::string& as) = 0;
+  // Reads all of it. What keeps a map from being opened is a finding as well.
+  virtual absl::StatusOr<MapVerification> Verify(const std::string& map, VerifyDepth depth) = 0;
+  // Further errors as of engine::AlignMap.
+  virtual absl::StatusOr<AlignAnswer> Align(const std::string& map, const AlignRequest& request) = 0;
+  virtual absl::StatusOr<MapLog> Log(const std::string& map, const map::ChangeQuery& query) = 0;
+  // Of the newest durable revision.
+  virtual absl::Status Export(const std::string& map, ExportContent content, const ExportSink& sink) = 0;
 };
 
 // InvalidArgument unless it is a name: letters, digits, '.', '_' and '-', 1 to 128 of them, the first one a letter or a

@@ -17,6 +17,7 @@ api::MapSummary SummaryOf(const std::string& name, const store::MapSummary& stor
   summary.components = stored.components;
   summary.sessions = stored.sessions;
   summary.file_bytes = stored.file_bytes;
+  summary.geo_anchor = stored.info.geo_anchor;
   return summary;
 }
 
@@ -32,6 +33,7 @@ api::MapDescription DescriptionOf(const map::Snapshot& map) {
   summary.cameras = count(map.cameras());
   summary.components = count(map.components());
   summary.sessions = count(map.sessions());
+  summary.geo_anchor = map.info().geo_anchor;
   for (const auto& [id, camera] : map.cameras()) {
     description.cameras.push_back({id, camera.name, camera.model, camera.lens.has_value()});
   }

@@ -71,11 +71,16 @@ MapHost::MapHost(const MapHostOptions& options)
     : options_(options),
       gate_(WorkersOf(options), options.max_waiting),
       localizer_(options.localizer),
+      trash_(options.directory),
       sessions_(options.max_sessions, options.max_client_sessions, Seconds(options.session_wait_s)) {}
+
+std::string MapHost::FileOf(const std::string& map) const {
+  return absl::StrCat(options_.directory, "/", map, kSuffix);
+}
 
 absl::StatusOr<std::string> MapHost::PathOf(const std::string& map) const {
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
-  const std::filesystem::path path = std::filesystem::path(options_.directory) / absl::StrCat(map, kSuffix);
+  const std::filesystem::path path = FileOf(map);
   std::error_code error;
   const std::filesystem::path real = std::filesystem::canonical(path, error);
   // A link may lead elsewhere in the directory, not out of it.
@@ -201,9 +206,13 @@ absl::Status MapHost::Ready() const {
                : absl::OkStatus();
 }
 
+std::string MapHost::Told(absl::string_view message) const {
+  return absl::StrReplaceAll(message, {{options_.directory + "/", ""}});
+}
+
 absl::Status MapHost::Told(const absl::Status& status) const {
   if (status.ok()) return status;
-  absl::Status told(status.code(), absl::StrReplaceAll(status.message(), {{options_.directory + "/", ""}}));
+  absl::Status told(status.code(), Told(status.message()));
   status.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) { told.SetPayload(url, payload); });
   return told;
 }
@@ -216,15 +225,20 @@ absl::StatusOr<api::MapSummary> MapHost::Summarize(const std::string& map) {
   return SummaryOf(map, summary);
 }
 
+std::vector<std::string> MapHost::Names() const {
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(options_.directory)) {
+    const std::string file = entry.path().filename().string();
+    const std::string name(absl::StripSuffix(file, kSuffix));
+    if (name != file && PathOf(name).ok()) names.push_back(name);
+  }
+  std::ranges::sort(names);
+  return names;
+}
+
 absl::StatusOr<std::vector<api::MapSummary>> MapHost::List() {
   return Guarded([&]() -> absl::StatusOr<std::vector<api::MapSummary>> {
-    std::vector<std::string> names;
-    for (const auto& entry : std::filesystem::directory_iterator(options_.directory)) {
-      const std::string file = entry.path().filename().string();
-      const std::string name(absl::StripSuffix(file, kSuffix));
-      if (name != file && PathOf(name).ok()) names.push_back(name);
-    }
-    std::ranges::sort(names);
+    const std::vector<std::string> names = Names();
     const std::vector<OpenMap> open = OpenMaps();
     std::vector<api::MapSummary> summaries;
     for (const std::string& name : names) {
@@ -264,6 +278,33 @@ absl::StatusOr<api::LocalizeAnswer> MapHost::Localize(const std::string& map, co
     if (!view.ok()) return Told(view.status());
     CAIRN_ASSIGN_OR_RETURN(const WorkGate::Pass pass, gate_.Enter());
     return localizer_.Localize(**view, query);
+  });
+}
+
+absl::StatusOr<api::AcrossAnswer> MapHost::LocalizeAcross(const std::vector<std::string>& maps,
+                                                          const api::LocalizeQuery& query) {
+  return Guarded([&]() -> absl::StatusOr<api::AcrossAnswer> {
+    if (query.prior) return absl::InvalidArgumentError("localize: a prior is of one map, not of several");
+    std::vector<std::string> names = maps.empty() ? Names() : maps;
+    std::ranges::sort(names);
+    names.erase(std::unique(names.begin(), names.end()), names.end());
+    if (names.size() > api::kMaxMapsAcross) {
+      return absl::InvalidArgumentError(absl::StrCat("localize: ", names.size(), " maps are too many at once, at most ",
+                                                     api::kMaxMapsAcross, ": name those that it may be"));
+    }
+    std::vector<api::AnswerOfMap> answers;
+    for (const std::string& name : names) {
+      absl::StatusOr<api::LocalizeAnswer> answer = Localize(name, query);
+      const store::Fault fault = store::FaultOf(answer.status());
+      const bool removed = fault == store::Fault::kNotFound;
+      if (removed && maps.empty()) continue;
+      // What is wrong with the question is wrong with it everywhere.
+      const bool of_question = fault == store::Fault::kNone &&
+                               (absl::IsInvalidArgument(answer.status()) || absl::IsResourceExhausted(answer.status()));
+      if (removed || of_question) return answer.status();
+      answers.push_back({name, answer.status(), answer.ok() ? *std::move(answer) : api::LocalizeAnswer()});
+    }
+    return api::JudgeAcross(std::move(answers));
   });
 }
 
@@ -317,15 +358,20 @@ absl::StatusOr<std::shared_ptr<const place::Vocabulary>> MapHost::DefaultVocabul
   return vocabulary_;
 }
 
-absl::StatusOr<std::shared_ptr<engine::LiveMap>> MapHost::CreateMap(const api::SessionRequest& request) {
-  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const place::Vocabulary> vocabulary, DefaultVocabulary());
-  const std::string path = absl::StrCat(options_.directory, "/", request.map, kSuffix);
+map::MapInfo MapHost::NewInfo(const std::string& title, const place::Vocabulary& vocabulary) const {
   map::MapInfo info;
   info.id = engine::NewMapId(std::nullopt);
-  info.name = request.title.empty() ? request.source : request.title;
+  info.name = title;
   info.software_version = kVersion;
   info.created_unix_ns = engine::UnixNowNs();
-  info.vocabulary_hash = vocabulary->hash();
+  info.vocabulary_hash = vocabulary.hash();
+  return info;
+}
+
+absl::StatusOr<std::shared_ptr<engine::LiveMap>> MapHost::CreateMap(const api::SessionRequest& request) {
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const place::Vocabulary> vocabulary, DefaultVocabulary());
+  const std::string path = FileOf(request.map);
+  const map::MapInfo info = NewInfo(request.title.empty() ? request.source : request.title, *vocabulary);
   const std::shared_ptr<Slot> slot = SlotOf(request.map);
   const std::lock_guard lock(slot->mutex);
   // Files that are no map, links that lead elsewhere: the name is taken.
@@ -355,7 +401,7 @@ absl::StatusOr<std::unique_ptr<api::MapSession>> MapHost::StartSession(const api
       }
       return HostedSession::Start(request, std::move(live));
     };
-    absl::StatusOr<std::unique_ptr<api::MapSession>> session = sessions_.Start(request.client, start);
+    absl::StatusOr<std::unique_ptr<api::MapSession>> session = sessions_.Start(request, start);
     if (!session.ok()) return Told(session.status());
     return session;
   });

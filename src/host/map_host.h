@@ -18,6 +18,7 @@
 #include "client/view_localizer.h"
 #include "host/hosted_map.h"
 #include "host/session_table.h"
+#include "host/trash.h"
 #include "host/work_gate.h"
 #include "place/vocabulary.h"
 
@@ -52,11 +53,26 @@ class MapHost : public api::MapService {
   // ResourceExhausted if too many images wait already.
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
 
+  absl::StatusOr<api::AcrossAnswer> LocalizeAcross(const std::vector<std::string>& maps,
+                                                   const api::LocalizeQuery& query) override;
+
   absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> StartSession(const api::SessionRequest& request) override;
   absl::StatusOr<std::unique_ptr<api::MapSession>> ResumeSession(const std::string& token) override {
     return sessions_.Resume(token);
   }
+  absl::StatusOr<std::vector<api::ActiveSession>> Sessions(const std::string& map) override;
+
+  absl::StatusOr<api::MapSummary> Create(const std::string& map, const std::string& title) override;
+  absl::StatusOr<api::MapSummary> Snapshot(const std::string& map, const std::string& as) override;
+  absl::StatusOr<std::string> Delete(const std::string& map) override;
+  absl::StatusOr<std::vector<api::DeletedMap>> ListDeleted() override;
+  absl::StatusOr<std::string> Restore(const std::string& deleted, const std::string& as) override;
+  // Waits for its turn among the images that are located.
+  absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth depth) override;
+  absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& request) override;
+  absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& query) override;
+  absl::Status Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) override;
 
   absl::StatusOr<std::unique_ptr<api::MapFeed>> Follow(const std::string& map,
                                                        const api::FollowRequest& request) override;
@@ -74,6 +90,7 @@ class MapHost : public api::MapService {
   };
   std::vector<OpenMap> OpenMaps();
   SessionTable::Counts sessions() const { return sessions_.counts(); }
+  std::vector<api::ActiveSession> ActiveSessions() const { return sessions_.Active(Clock::now()); }
   std::int64_t waiting() const { return gate_.waiting(); }  // images that wait for their turn
   // Whether the directory can be read; NotFound if it is gone.
   absl::Status Ready() const;
@@ -88,6 +105,12 @@ class MapHost : public api::MapService {
   };
 
   explicit MapHost(const MapHostOptions& options);
+  // Where a map of this name would be, and what is made beside it and removed again.
+  std::string FileOf(const std::string& map) const;
+  std::string ScratchFile();
+  // The names of what look like maps, ascending.
+  std::vector<std::string> Names() const;
+  map::MapInfo NewInfo(const std::string& title, const place::Vocabulary& vocabulary) const;
   // Where the map is. InvalidArgument for what is no name, NotFound if there is no such file in this directory.
   absl::StatusOr<std::string> PathOf(const std::string& map) const;
   std::shared_ptr<Slot> SlotOf(const std::string& map);
@@ -103,10 +126,13 @@ class MapHost : public api::MapService {
   static void Close(Slot* slot);
   // Without the directory's name, which is nobody's business.
   absl::Status Told(const absl::Status& status) const;
+  std::string Told(absl::string_view message) const;
 
   const MapHostOptions options_;
   WorkGate gate_;
   client::ViewLocalizer localizer_;
+  const Trash trash_;
+  std::atomic<int> scratch_files_ = 0;  // made so far
 
   std::mutex vocabulary_mutex_;
   std::shared_ptr<const place::Vocabulary> vocabulary_;  // of new maps; null: not needed yet

@@ -3,6 +3,7 @@
 #include <thread>
 
 #include "client/conformance/localizer_conformance.h"
+#include "client/conformance/map_admin_conformance.h"
 #include "client/conformance/map_service_conformance.h"
 #include "map/edit.h"
 
@@ -42,6 +43,7 @@ absl::StatusOr<std::unique_ptr<api::Localizer>> OpenHosted(const std::string& pa
 
 INSTANTIATE_TEST_SUITE_P(Hosted, LocalizerConformance, testing::Values(LocalizerFactory(&OpenHosted)));
 INSTANTIATE_TEST_SUITE_P(Hosted, MapServiceConformance, testing::Values(MapServiceFactory(&OpenService)));
+INSTANTIATE_TEST_SUITE_P(Hosted, MapAdminConformance, testing::Values(MapServiceFactory(&OpenService)));
 INSTANTIATE_TEST_SUITE_P(Hosted, MapSessionConformance, testing::Values(MapServiceFactory(&OpenService)));
 
 class MapHost : public testing::Test {

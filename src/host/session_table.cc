@@ -36,6 +36,7 @@ class SessionTable::Lease final : public api::MapSession {
     if (entry_ == nullptr) return Ended();
     absl::StatusOr<api::SessionAnswer> answer = Guarded([&] { return entry_->session->AddFrame(frame); });
     progress_ = entry_->session->progress();
+    table_->Note(entry_.get(), answer.ok() ? &*answer : nullptr, progress_);
     if (!answer.ok() && !absl::IsInvalidArgument(answer.status())) End();
     return answer;
   }
@@ -79,13 +80,16 @@ absl::Status SessionTable::CheckRoom(const std::string& client) const {
 }
 
 absl::StatusOr<std::unique_ptr<api::MapSession>> SessionTable::Start(
-    const std::string& client, const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start) {
+    const api::SessionRequest& request, const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start) {
   const std::string token = engine::NewMapId(std::nullopt);  // as hard to guess
   const auto entry = std::make_shared<Entry>();
-  entry->client = client;
+  entry->started = entry->answered = Clock::now();
+  entry->told.map = request.map;
+  entry->told.source = request.source;
+  entry->client = request.client;
   {
     const std::lock_guard lock(mutex_);
-    CAIRN_RETURN_IF_ERROR(CheckRoom(client));
+    CAIRN_RETURN_IF_ERROR(CheckRoom(request.client));
     entries_[token] = entry;
   }
   absl::StatusOr<std::unique_ptr<HostedSession>> session = Guarded(start);
@@ -93,7 +97,9 @@ absl::StatusOr<std::unique_ptr<api::MapSession>> SessionTable::Start(
     Remove(token);
     return session.status();
   }
+  const std::lock_guard lock(mutex_);
   entry->session = *std::move(session);
+  entry->told.progress = entry->session->progress();
   return std::make_unique<Lease>(this, token, entry);
 }
 
@@ -142,6 +148,33 @@ void SessionTable::FinishAbandoned(Clock::time_point now) {
     spdlog::info("session {} was left by its client and is finished{}{}", entry->session->progress().session.value(),
                  finished.ok() ? "" : ": ", std::string(finished.message()));
   }
+}
+
+void SessionTable::Note(Entry* entry, const api::SessionAnswer* answer, const api::SessionProgress& progress) {
+  const std::lock_guard lock(mutex_);
+  entry->told.progress = progress;
+  if (answer == nullptr) return;
+  ++entry->told.frames;
+  entry->told.state = answer->state;
+  entry->answered = Clock::now();
+}
+
+std::vector<api::ActiveSession> SessionTable::Active(Clock::time_point now) const {
+  std::vector<api::ActiveSession> active;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [token, entry] : entries_) {
+      if (entry->session == nullptr) continue;
+      active.push_back(entry->told);
+      active.back().waiting = !entry->held;
+      active.back().running_s = std::chrono::duration<double>(now - entry->started).count();
+      active.back().silent_s = std::chrono::duration<double>(now - entry->answered).count();
+    }
+  }
+  std::ranges::sort(active, [](const api::ActiveSession& x, const api::ActiveSession& y) {
+    return std::pair(x.map, -x.running_s) < std::pair(y.map, -y.running_s);
+  });
+  return active;
 }
 
 SessionTable::Counts SessionTable::counts() const {

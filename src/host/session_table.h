@@ -7,7 +7,9 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <vector>
 
+#include "api/active_session.h"
 #include "api/map_session.h"
 #include "base/status.h"
 #include "host/hosted_session.h"
@@ -25,7 +27,7 @@ class SessionTable {
   // `start` is called unless there are too many (ResourceExhausted), those included that wait for their clients. The
   // table must outlive what it gives out.
   absl::StatusOr<std::unique_ptr<api::MapSession>> Start(
-      const std::string& client, const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start);
+      const api::SessionRequest& request, const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start);
   // As api::MapService::ResumeSession().
   absl::StatusOr<std::unique_ptr<api::MapSession>> Resume(const std::string& token);
 
@@ -37,6 +39,8 @@ class SessionTable {
     int waiting = 0;  // for them
   };
   Counts counts() const;
+  // Those that have been started, by map, then by their start.
+  std::vector<api::ActiveSession> Active(Clock::time_point now) const;
 
  private:
   struct Entry {
@@ -44,10 +48,14 @@ class SessionTable {
     std::unique_ptr<HostedSession> session;  // null while it is being started; used by who holds it
     bool held = true;
     Clock::time_point released{};
+    Clock::time_point started{};
+    Clock::time_point answered{};  // its last frame
+    api::ActiveSession told;       // but for its times
   };
   class Lease;
 
   void Release(const std::string& token);
+  void Note(Entry* entry, const api::SessionAnswer* answer, const api::SessionProgress& progress);
   // It has ended: nobody can come back to it.
   void Remove(const std::string& token);
 

@@ -23,6 +23,7 @@ void ToProto(const Camera& camera, v1::Camera* out);
 void ToProto(const cv::Mat& gray, v1::Image* out);  // CV_8UC1
 void ToProto(const api::PosePrior& prior, v1::PosePrior* out);
 void ToProto(const api::LocalizeAnswer& answer, v1::LocalizeImageResponse* out);
+void ToProto(const api::AcrossAnswer& across, v1::LocalizeInMapsResponse* out);
 void ToProto(const api::MapSummary& summary, v1::MapSummary* out);
 void ToProto(const api::MapDescription& description, v1::DescribeMapResponse* out);
 
@@ -32,7 +33,8 @@ absl::StatusOr<Sim3> FromProto(const v1::Similarity& message);
 absl::StatusOr<Camera> FromProto(const v1::Camera& message);
 absl::StatusOr<api::PosePrior> FromProto(const v1::PosePrior& message);
 absl::StatusOr<api::LocalizeAnswer> FromProto(const v1::LocalizeImageResponse& message);
-api::MapSummary FromProto(const v1::MapSummary& message);
+absl::StatusOr<api::AcrossAnswer> FromProto(const v1::LocalizeInMapsResponse& message);
+absl::StatusOr<api::MapSummary> FromProto(const v1::MapSummary& message);
 absl::StatusOr<api::MapDescription> FromProto(const v1::DescribeMapResponse& message);
 
 }  // namespace cairn::wire

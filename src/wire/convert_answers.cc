@@ -2,6 +2,7 @@
 #include <utility>
 
 #include "wire/convert.h"
+#include "wire/errors.h"
 #include "wire/reading.h"
 
 namespace cairn::wire {
@@ -131,6 +132,38 @@ absl::StatusOr<api::LocalizeAnswer> FromProto(const Answer& message) {
   CAIRN_RETURN_IF_ERROR(ReadPose(message, &answer));
   answer.inliers = answer.counts.inliers;
   return answer;
+}
+
+void ToProto(const api::AcrossAnswer& across, v1::LocalizeInMapsResponse* out) {
+  out->set_map(across.map);
+  out->set_ambiguous(across.ambiguous);
+  for (const api::AnswerOfMap& of_map : across.answers) {
+    v1::LocalizeInMapsResponse::Answer* answer = out->add_answers();
+    answer->set_map(of_map.map);
+    if (of_map.status.ok()) {
+      ToProto(of_map.answer, answer->mutable_answer());
+    } else {
+      answer->set_error_reason(std::string(KindOf(of_map.status).reason));
+      answer->set_error_message(std::string(of_map.status.message()));
+    }
+  }
+}
+
+absl::StatusOr<api::AcrossAnswer> FromProto(const v1::LocalizeInMapsResponse& message) {
+  api::AcrossAnswer across;
+  for (const v1::LocalizeInMapsResponse::Answer& answer : message.answers()) {
+    api::AnswerOfMap& of_map = across.answers.emplace_back();
+    of_map.map = answer.map();
+    of_map.status = StatusOfReason(answer.error_reason(), answer.error_message());
+    if (!of_map.status.ok()) continue;
+    CAIRN_ASSIGN_OR_RETURN(of_map.answer, FromProto(answer.answer()));
+  }
+  across.ambiguous = message.ambiguous();
+  across.map = message.map();
+  const bool consistent = across.map.empty() || (!across.answers.empty() && across.answers[0].map == across.map &&
+                                                 across.answers[0].answer.localized);
+  if (!consistent) return absl::InvalidArgumentError("answer: the map in which it was located is not the first");
+  return across;
 }
 
 }  // namespace cairn::wire

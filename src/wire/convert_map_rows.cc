@@ -1,6 +1,7 @@
 #include "wire/convert_map_rows.h"
 
 #include "wire/convert.h"
+#include "wire/convert_alignment.h"
 #include "wire/reading.h"
 #include "wire/session_names.h"
 
@@ -74,12 +75,7 @@ void ToProto(const map::MapInfo& info, v1::MapHead* out) {
   out->set_orb_fast_threshold(info.orb.fast_threshold);
   out->set_orb_min_fast_threshold(info.orb.min_fast_threshold);
   out->set_vocabulary_hash(info.vocabulary_hash);
-  if (!info.geo_anchor) return;
-  v1::GeoAnchor* anchor = out->mutable_geo_anchor();
-  anchor->set_latitude_deg(info.geo_anchor->latitude_deg);
-  anchor->set_longitude_deg(info.geo_anchor->longitude_deg);
-  anchor->set_height_m(info.geo_anchor->height_m);
-  Write(info.geo_anchor->enu_from_world, anchor->mutable_enu_from_world());
+  if (info.geo_anchor) ToProto(*info.geo_anchor, out->mutable_geo_anchor());
 }
 
 absl::StatusOr<map::MapInfo> FromProto(const v1::MapHead& message) {
@@ -96,12 +92,7 @@ absl::StatusOr<map::MapInfo> FromProto(const v1::MapHead& message) {
   CAIRN_RETURN_IF_ERROR(info.orb.Validate());
   info.vocabulary_hash = message.vocabulary_hash();
   if (!message.has_geo_anchor()) return info;
-  map::GeoAnchor& anchor = info.geo_anchor.emplace();
-  anchor.latitude_deg = message.geo_anchor().latitude_deg();
-  anchor.longitude_deg = message.geo_anchor().longitude_deg();
-  anchor.height_m = message.geo_anchor().height_m();
-  CAIRN_ASSIGN_OR_RETURN(anchor.enu_from_world, Read(message.geo_anchor().enu_from_world()));
-  CAIRN_RETURN_IF_ERROR(anchor.Validate());
+  CAIRN_ASSIGN_OR_RETURN(info.geo_anchor, FromProto(message.geo_anchor()));
   return info;
 }
 

@@ -1,4 +1,5 @@
 #include "wire/convert.h"
+#include "wire/convert_alignment.h"
 #include "wire/session_names.h"
 
 namespace cairn::wire {
@@ -18,9 +19,10 @@ void ToProto(const api::MapSummary& summary, v1::MapSummary* out) {
   out->set_file_bytes(summary.file_bytes);
   out->set_open(summary.open);
   out->set_writing(summary.writing);
+  if (summary.geo_anchor) ToProto(*summary.geo_anchor, out->mutable_geo_anchor());
 }
 
-api::MapSummary FromProto(const v1::MapSummary& message) {
+absl::StatusOr<api::MapSummary> FromProto(const v1::MapSummary& message) {
   api::MapSummary summary;
   summary.name = message.name();
   if (!message.error().empty()) summary.status = absl::DataLossError(message.error());
@@ -36,6 +38,9 @@ api::MapSummary FromProto(const v1::MapSummary& message) {
   summary.file_bytes = message.file_bytes();
   summary.open = message.open();
   summary.writing = message.writing();
+  if (message.has_geo_anchor()) {
+    CAIRN_ASSIGN_OR_RETURN(summary.geo_anchor, FromProto(message.geo_anchor()));
+  }
   return summary;
 }
 
@@ -61,7 +66,7 @@ void ToProto(const api::MapDescription& description, v1::DescribeMapResponse* ou
 
 absl::StatusOr<api::MapDescription> FromProto(const v1::DescribeMapResponse& message) {
   api::MapDescription description;
-  description.summary = FromProto(message.summary());
+  CAIRN_ASSIGN_OR_RETURN(description.summary, FromProto(message.summary()));
   for (const v1::CameraInfo& info : message.cameras()) {
     api::CameraInfo camera;
     camera.id = CameraId(info.id());

@@ -6,36 +6,6 @@
 #include "wire/session_names.h"
 
 namespace cairn::wire {
-namespace {
-
-v1::FrameAnswer::State WriteState(api::SessionState state) {
-  switch (state) {
-    case api::SessionState::kInitializing:
-      return v1::FrameAnswer::STATE_INITIALIZING;
-    case api::SessionState::kGood:
-      return v1::FrameAnswer::STATE_GOOD;
-    case api::SessionState::kPoor:
-      return v1::FrameAnswer::STATE_POOR;
-    case api::SessionState::kLost:
-      return v1::FrameAnswer::STATE_LOST;
-  }
-  return v1::FrameAnswer::STATE_UNSPECIFIED;
-}
-
-api::SessionState ReadState(v1::FrameAnswer::State state) {
-  switch (state) {
-    case v1::FrameAnswer::STATE_INITIALIZING:
-      return api::SessionState::kInitializing;
-    case v1::FrameAnswer::STATE_GOOD:
-      return api::SessionState::kGood;
-    case v1::FrameAnswer::STATE_POOR:
-      return api::SessionState::kPoor;
-    default:
-      return api::SessionState::kLost;
-  }
-}
-
-}  // namespace
 
 void ToProto(const api::SessionRequest& request, v1::StartSession* out) {
   out->set_map(request.map);
@@ -70,7 +40,7 @@ absl::StatusOr<api::SessionRequest> FromProto(const v1::StartSession& message) {
 
 void ToProto(const api::SessionAnswer& answer, v1::FrameAnswer* out) {
   out->set_time_ns(answer.time_ns);
-  out->set_state(WriteState(answer.state));
+  out->set_state(Write(answer.state));
   out->set_reason(answer.reason);
   if (!answer.map_from_camera) return;
   ToProto(*answer.map_from_camera, out->mutable_map_from_camera());

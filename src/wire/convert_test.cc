@@ -175,7 +175,7 @@ TEST(Convert, DescriptionsOfMaps) {
   broken.status = absl::DataLossError("is damaged");
   v1::MapSummary line;
   ToProto(broken, &line);
-  EXPECT_EQ(FromProto(line).status.message(), "is damaged");
+  EXPECT_EQ(FromProto(line)->status.message(), "is damaged");
 }
 
 }  // namespace

@@ -100,4 +100,11 @@ absl::Status StatusFrom(int code, absl::string_view message, const std::string& 
   return {KindOfCode(static_cast<Code>(code)).code, message};
 }
 
+absl::Status StatusOfReason(absl::string_view reason, absl::string_view message) {
+  if (reason.empty()) return absl::OkStatus();
+  const ErrorKind* kind = Find([&](const ErrorKind& k) { return k.reason == reason; });
+  if (kind == nullptr || kind->code == Code::kOk) return absl::UnknownError(message);
+  return kind->fault != Fault::kNone ? store::MakeFault(kind->fault, message) : absl::Status(kind->code, message);
+}
+
 }  // namespace cairn::wire

@@ -36,4 +36,7 @@ std::string DetailsOf(const absl::Status& status, absl::string_view request_id);
 // does not exist is Unknown.
 absl::Status StatusFrom(int code, absl::string_view message, const std::string& details);
 
+// The same of an error that is told inside an answer; OK without a reason.
+absl::Status StatusOfReason(absl::string_view reason, absl::string_view message);
+
 }  // namespace cairn::wire

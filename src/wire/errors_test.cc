@@ -42,5 +42,16 @@ TEST(Errors, WhatAnotherVersionSendsIsStillAnError) {
   EXPECT_TRUE(StatusFrom(0, "", "").ok());
 }
 
+TEST(Errors, ToldInsideAnAnswer) {
+  EXPECT_TRUE(StatusOfReason("", "").ok());
+  for (const ErrorKind& kind : ErrorKinds().subspan(1)) {
+    const absl::Status status = StatusOfReason(kind.reason, "why");
+    EXPECT_EQ(KindOf(status).reason, kind.reason);
+    EXPECT_EQ(status.message(), "why");
+  }
+  EXPECT_EQ(StatusOfReason("from_a_newer_server", "why").code(), absl::StatusCode::kUnknown);
+  EXPECT_FALSE(StatusOfReason("ok", "why").ok());
+}
+
 }  // namespace
 }  // namespace cairn::wire

@@ -68,4 +68,31 @@ map::Session Read(const v1::SessionInfo& message) {
   return session;
 }
 
+v1::FrameAnswer::State Write(api::SessionState state) {
+  switch (state) {
+    case api::SessionState::kInitializing:
+      return v1::FrameAnswer::STATE_INITIALIZING;
+    case api::SessionState::kGood:
+      return v1::FrameAnswer::STATE_GOOD;
+    case api::SessionState::kPoor:
+      return v1::FrameAnswer::STATE_POOR;
+    case api::SessionState::kLost:
+      return v1::FrameAnswer::STATE_LOST;
+  }
+  return v1::FrameAnswer::STATE_UNSPECIFIED;
+}
+
+api::SessionState ReadState(v1::FrameAnswer::State state) {
+  switch (state) {
+    case v1::FrameAnswer::STATE_INITIALIZING:
+      return api::SessionState::kInitializing;
+    case v1::FrameAnswer::STATE_GOOD:
+      return api::SessionState::kGood;
+    case v1::FrameAnswer::STATE_POOR:
+      return api::SessionState::kPoor;
+    default:
+      return api::SessionState::kLost;
+  }
+}
+
 }  // namespace cairn::wire

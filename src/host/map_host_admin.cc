@@ -1,0 +1,145 @@
+// What those who keep the maps ask of their host: copies, the trash, checks, alignment, history, files.
+#include <unistd.h>
+
+#include <filesystem>
+#include <utility>
+
+#include "base/guarded.h"
+#include "engine/map_alignment.h"
+#include "host/export.h"
+#include "host/inspect.h"
+#include "host/map_host.h"
+#include "place/vocabulary.h"
+#include "store/map_store.h"
+
+namespace cairn::host {
+
+std::string MapHost::ScratchFile() {
+  return absl::StrCat(options_.directory, "/.export-", getpid(), "-", ++scratch_files_);
+}
+
+absl::StatusOr<std::vector<api::ActiveSession>> MapHost::Sessions(const std::string& map) {
+  std::vector<api::ActiveSession> sessions = ActiveSessions();
+  if (map.empty()) return sessions;
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  std::erase_if(sessions, [&](const api::ActiveSession& session) { return session.map != map; });
+  if (sessions.empty()) CAIRN_RETURN_IF_ERROR(PathOf(map).status());
+  return sessions;
+}
+
+absl::StatusOr<api::MapSummary> MapHost::Create(const std::string& map, const std::string& title) {
+  return Guarded([&]() -> absl::StatusOr<api::MapSummary> {
+    CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+    CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const place::Vocabulary> vocabulary, DefaultVocabulary());
+    const std::shared_ptr<Slot> slot = SlotOf(map);
+    const std::lock_guard lock(slot->mutex);
+    std::error_code error;
+    if (std::filesystem::exists(std::filesystem::symlink_status(FileOf(map), error))) {
+      return store::MakeFault(store::Fault::kExists, absl::StrCat("there is a map \"", map, "\" already"));
+    }
+    store::CreateOptions options;
+    options.vocabulary = vocabulary->Serialize();
+    options.at_once = true;
+    auto created = store::CreateMapStore(FileOf(map), NewInfo(title.empty() ? map : title, *vocabulary), options);
+    if (!created.ok()) return Told(created.status());
+    CAIRN_RETURN_IF_ERROR(Told((*created)->Close()));
+    return Summarize(map);
+  });
+}
+
+absl::StatusOr<api::MapSummary> MapHost::Snapshot(const std::string& map, const std::string& as) {
+  return Guarded([&]() -> absl::StatusOr<api::MapSummary> {
+    CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
+    CAIRN_RETURN_IF_ERROR(api::CheckMapName(as));
+    std::error_code error;
+    if (std::filesystem::exists(std::filesystem::symlink_status(FileOf(as), error))) {
+      return store::MakeFault(store::Fault::kExists, absl::StrCat("there is a map \"", as, "\" already"));
+    }
+    CAIRN_RETURN_IF_ERROR(Told(ExportMap(path, api::ExportContent::kMap, FileOf(as))));
+    return Summarize(as);
+  });
+}
+
+absl::StatusOr<std::string> MapHost::Delete(const std::string& map) {
+  return Guarded([&]() -> absl::StatusOr<std::string> {
+    if (Written(map) == nullptr) CAIRN_RETURN_IF_ERROR(PathOf(map).status());
+    const std::shared_ptr<Slot> slot = SlotOf(map);
+    const std::lock_guard lock(slot->mutex);
+    if (slot->map != nullptr && slot->map->writing()) {
+      const auto sessions = Sessions(map);
+      return absl::FailedPreconditionError(
+          absl::StrCat("map \"", map, "\" is being extended by ", sessions.ok() ? sessions->size() : 0,
+                       " session(s): let them end first, or wait until those whose clients are gone are finished"));
+    }
+    CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
+    Close(slot.get());
+    absl::StatusOr<std::string> deleted = trash_.Take(map, path);
+    if (!deleted.ok()) return Told(deleted.status());
+    return deleted;
+  });
+}
+
+absl::StatusOr<std::vector<api::DeletedMap>> MapHost::ListDeleted() {
+  return Guarded([&] { return trash_.List(); });
+}
+
+absl::StatusOr<std::string> MapHost::Restore(const std::string& deleted, const std::string& as) {
+  return Guarded([&]() -> absl::StatusOr<std::string> {
+    CAIRN_ASSIGN_OR_RETURN(const api::DeletedName had, api::ParseDeletedName(deleted));
+    const std::string name = as.empty() ? had.map : as;
+    CAIRN_RETURN_IF_ERROR(api::CheckMapName(name));
+    const std::shared_ptr<Slot> slot = SlotOf(name);
+    const std::lock_guard lock(slot->mutex);
+    const absl::Status restored = trash_.GiveBack(deleted, FileOf(name));
+    if (store::FaultOf(restored) == store::Fault::kExists) {
+      return store::MakeFault(store::Fault::kExists,
+                              absl::StrCat("there is a map \"", name, "\" already: restore it under another name"));
+    }
+    CAIRN_RETURN_IF_ERROR(Told(restored));
+    return name;
+  });
+}
+
+absl::StatusOr<api::MapVerification> MapHost::Verify(const std::string& map, api::VerifyDepth depth) {
+  return Guarded([&]() -> absl::StatusOr<api::MapVerification> {
+    CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
+    CAIRN_ASSIGN_OR_RETURN(const WorkGate::Pass pass, gate_.Enter());
+    absl::StatusOr<api::MapVerification> verified = VerifyMap(map, path, depth);
+    if (!verified.ok()) return Told(verified.status());
+    for (map::Finding& finding : verified->findings) finding.message = Told(finding.message);
+    for (std::string& note : verified->notes) note = Told(note);
+    return verified;
+  });
+}
+
+absl::StatusOr<api::AlignAnswer> MapHost::Align(const std::string& map, const api::AlignRequest& request) {
+  return Guarded([&]() -> absl::StatusOr<api::AlignAnswer> {
+    CAIRN_RETURN_IF_ERROR(request.Validate());
+    const auto align = [&]() -> absl::StatusOr<api::AlignAnswer> {
+      CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<HostedMap> hosted, Use(map));
+      CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<engine::LiveMap> live, hosted->Write());
+      return engine::AlignMap(absl::StrCat("map \"", map, "\""), request, *live);
+    };
+    absl::StatusOr<api::AlignAnswer> answer = align();
+    if (!answer.ok()) return Told(answer.status());
+    return answer;
+  });
+}
+
+absl::StatusOr<api::MapLog> MapHost::Log(const std::string& map, const map::ChangeQuery& query) {
+  return Guarded([&]() -> absl::StatusOr<api::MapLog> {
+    CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
+    absl::StatusOr<api::MapLog> log = ReadMapLog(path, query);
+    if (!log.ok()) return Told(log.status());
+    return log;
+  });
+}
+
+absl::Status MapHost::Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) {
+  return Guarded([&]() -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
+    return Told(ExportMapTo(path, content, ScratchFile(), sink));
+  });
+}
+
+}  // namespace cairn::host

@@ -1,0 +1,165 @@
+#include "wire/convert_admin.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "wire/convert.h"
+#include "wire/convert_alignment.h"
+#include "wire/convert_status.h"
+#include "wire/testing_messages.h"
+
+namespace cairn::wire {
+namespace {
+
+TEST(ConvertAdmin, VerificationsAndLogs) {
+  api::MapVerification verified;
+  verified.summary.emplace();
+  verified.summary->name = "office";
+  verified.summary->geo_anchor = map::GeoAnchor{60.0, 25.0, 30.0, Quaterniond(ExpSO3(Vector3d(0.1, 0.2, 0.3)))};
+  verified.findings = {{"points", 12, "is damaged"}};
+  verified.notes = {"a note"};
+  v1::VerifyMapResponse message;
+  ToProto(verified, &message);
+  const auto back = FromProto(OverTheWire(message));
+  ASSERT_TRUE(back.ok()) << back.status();
+  EXPECT_EQ(back->summary->name, "office");
+  EXPECT_EQ(back->summary->geo_anchor->enu_from_world.coeffs(), verified.summary->geo_anchor->enu_from_world.coeffs());
+  EXPECT_EQ(back->findings[0].table, "points");
+  EXPECT_EQ(back->findings[0].id, 12);
+  EXPECT_EQ(back->findings[0].message, "is damaged");
+  EXPECT_THAT(back->notes, testing::ElementsAre("a note"));
+
+  api::MapLog log;
+  log.revision = 7;
+  map::LoggedChange change;
+  change.revision = 7;
+  change.reason = "why";
+  change.session = SessionId(3);
+  change.committed_unix_ns = 99;
+  change.components = {ComponentId(1), ComponentId(4)};
+  std::int64_t number = 10;
+  for (std::int64_t* count : {&change.keyframes_put, &change.keyframes_removed, &change.points_put,
+                              &change.points_removed, &change.cameras_put, &change.cameras_removed,
+                              &change.sessions_put, &change.components_put, &change.components_removed}) {
+    *count = ++number;
+  }
+  change.info_put = true;
+  log.changes = {change};
+  v1::ReadLogResponse told;
+  ToProto(log, &told);
+  const api::MapLog read = FromProto(OverTheWire(told));
+  EXPECT_EQ(read.revision, 7u);
+  ASSERT_EQ(read.changes.size(), 1u);
+  EXPECT_TRUE(read.changes[0] == change);
+
+  v1::ReadLogRequest request;
+  EXPECT_EQ(FromProto(request)->max_count, map::kMaxLoggedChanges);
+  request.set_max_count(std::numeric_limits<std::int32_t>::max());
+  EXPECT_EQ(FromProto(request)->max_count, map::kMaxLoggedChanges);
+  request.set_max_count(-1);
+  EXPECT_EQ(FromProto(request).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(ConvertAdmin, ContentsOfExports) {
+  for (const auto content : {api::ExportContent::kMap, api::ExportContent::kTrajectory, api::ExportContent::kPoints}) {
+    EXPECT_EQ(*Read(Write(content)), content);
+  }
+  EXPECT_EQ(Read(v1::ExportMapRequest::CONTENT_UNSPECIFIED).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(ConvertAlignment, WhatIsNoRequest) {
+  v1::AlignMapRequest message;
+  EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument) << "by nothing";
+  message.set_remove_anchor(false);
+  EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument);
+  message.set_remove_anchor(true);
+  EXPECT_TRUE(FromProto(message).ok());
+  message.mutable_anchor()->set_latitude_deg(60.0);
+  EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument) << "without a rotation";
+  message.mutable_anchor()->mutable_enu_from_world()->set_w(1.0);
+  EXPECT_TRUE(FromProto(message).ok());
+  message.mutable_anchor()->set_longitude_deg(std::numeric_limits<double>::quiet_NaN());
+  EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument);
+  message.mutable_poses()->add_poses();
+  EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument) << "a pose without rotation";
+  message.mutable_positions()->add_positions()->mutable_position()->set_height_m(1e9);
+  EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(ConvertAlignment, AnswersComeBackWhole) {
+  api::AlignAnswer answer;
+  answer.revision = 12;
+  answer.geo_anchor = map::GeoAnchor{1.0, 2.0, 3.0, Quaterniond::Identity()};
+  answer.geo_anchor_changed = true;
+  api::ComponentAlignment& found = answer.component.emplace();
+  found.component = ComponentId(2);
+  found.world_from_component = Sim3(ExpSO3(Vector3d(0.1, 0.0, 0.0)), Vector3d(1, 2, 3), 4.0);
+  found.keyframes = 10;
+  found.with_reference = 9;
+  found.fitting = 8;
+  found.misfits_s = {1.5};
+  found.scale_sigma = 0.1;
+  found.orientations.kind = OrientationKind::kBody;
+  found.orientations.camera_from_body = Quaterniond(ExpSO3(Vector3d(0.0, 0.5, 0.0)));
+  found.orientations_used = true;
+  found.moved_m = 0.0;
+  found.others = {{ComponentId(1), 5, 4, true}};
+  v1::AlignMapResponse message;
+  ToProto(answer, &message);
+  auto back = FromProto(OverTheWire(message));
+  ASSERT_TRUE(back.ok()) << back.status();
+  EXPECT_EQ(back->revision, 12u);
+  EXPECT_TRUE(back->geo_anchor_changed);
+  EXPECT_EQ(back->geo_anchor->height_m, 3.0);
+  ASSERT_TRUE(back->component);
+  EXPECT_EQ(back->component->world_from_component.scale(), 4.0);
+  EXPECT_EQ(back->component->fitting, 8);
+  EXPECT_THAT(back->component->misfits_s, testing::ElementsAre(1.5));
+  EXPECT_EQ(back->component->orientations.kind, OrientationKind::kBody);
+  EXPECT_EQ(back->component->orientations.camera_from_body.coeffs(), found.orientations.camera_from_body.coeffs());
+  EXPECT_EQ(back->component->moved_m, 0.0);
+  EXPECT_EQ(back->component->others[0].with_reference, 4);
+  message.mutable_component()->clear_moved_m();
+  EXPECT_FALSE(FromProto(message)->component->moved_m);
+}
+
+TEST(ConvertStatus, ComesBackWhole) {
+  api::ServerStatus status;
+  status.version = "1";
+  status.uptime_s = 5.5;
+  status.maps = {{"office", 7, 1000, true}};
+  api::ActiveSession session;
+  session.map = "office";
+  session.source = "robot";
+  session.waiting = true;
+  session.running_s = 9.0;
+  session.silent_s = 2.0;
+  session.frames = 100;
+  session.state = api::SessionState::kPoor;
+  session.progress.revision = 6;
+  status.sessions = {session};
+  status.calls = {{"Maps.ListMaps", "ok", 3}};
+  status.localized = {{"located", 2}};
+  status.localize = {{0.1, 0.2}, {1, 2, 3}, 0.9};
+  v1::GetStatusResponse message;
+  ToProto(status, &message);
+  const api::ServerStatus back = FromProto(OverTheWire(message));
+  EXPECT_EQ(back.uptime_s, 5.5);
+  EXPECT_EQ(back.maps[0].memory_bytes, 1000);
+  EXPECT_TRUE(back.maps[0].writing);
+  ASSERT_EQ(back.sessions.size(), 1u);
+  EXPECT_EQ(back.sessions[0].source, "robot");
+  EXPECT_TRUE(back.sessions[0].waiting);
+  EXPECT_EQ(back.sessions[0].silent_s, 2.0);
+  EXPECT_EQ(back.sessions[0].state, api::SessionState::kPoor);
+  EXPECT_TRUE(back.sessions[0].progress == session.progress);
+  EXPECT_EQ(back.calls[0].count, 3);
+  EXPECT_EQ(back.localized[0].what, "located");
+  EXPECT_EQ(back.localize.bounds_s, status.localize.bounds_s);
+  EXPECT_EQ(back.localize.counts, status.localize.counts);
+}
+
+}  // namespace
+}  // namespace cairn::wire
