@@ -48,8 +48,9 @@ absl::StatusOr<std::optional<ServerTls>> TlsOf(const TlsOptions& options) {
 ServerState StateOf(host::MapHost& maps) {
   ServerState state;
   for (const host::MapHost::OpenMap& map : maps.OpenMaps()) {
-    state.open_maps.push_back({map.name, map.revision, map.bytes});
+    state.open_maps.push_back({map.name, map.revision, map.bytes, map.writing});
   }
+  state.active_sessions = maps.ActiveSessions();
   state.waiting = maps.waiting();
   const host::SessionTable::Counts sessions = maps.sessions();
   state.sessions = sessions.held;
@@ -67,6 +68,7 @@ absl::Status DaemonOptions::Validate() const {
   }
   if (grpc.max_threads < 8) return absl::InvalidArgumentError("grpc: max_threads must be at least 8");
   if (http.max_connections < 1) return absl::InvalidArgumentError("http: max_connections must be positive");
+  if (!geopose_map.empty()) CAIRN_RETURN_IF_ERROR(Annotate(api::CheckMapName(geopose_map), "geopose_map"));
   if (images.max_pixels < 1) return absl::InvalidArgumentError("images: max_pixels must be positive");
   if (!no_http) CAIRN_RETURN_IF_ERROR(CheckAddress(http.address));
   CAIRN_RETURN_IF_ERROR(tls.Validate());
@@ -102,10 +104,12 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const DaemonOptions& optio
 
 absl::Status Daemon::Listen(const DaemonOptions& options) {
   metrics_ = std::make_unique<Metrics>([maps = maps_.get()] { return StateOf(*maps); });
-  const CallContext context{maps_.get(), options.images, metrics_.get(), access_.get()};
+  CallContext context{maps_.get(), options.images, metrics_.get(), access_.get()};
+  context.status = metrics_.get();
   CAIRN_ASSIGN_OR_RETURN(const std::optional<ServerTls> tls, TlsOf(options.tls));
   if (!options.no_http) {
-    const HttpHooks hooks{[maps = maps_.get()] { return maps->Ready(); }, [this] { return metrics_->Text(); }};
+    const HttpHooks hooks{[maps = maps_.get()] { return maps->Ready(); }, [this] { return metrics_->Text(); },
+                          options.geopose_map};
     http_api_ = std::make_unique<HttpApi>(context, hooks);
     HttpServerOptions http = options.http;
     http.tls = tls;

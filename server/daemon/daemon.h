@@ -22,7 +22,8 @@ struct DaemonOptions {
   HttpServerOptions http;
   bool no_http = false;
   ImageLimits images;
-  TlsOptions tls;  // of gRPC and HTTP
+  std::string geopose_map;  // that the GeoPose Protocol asks; empty: those near the position that a request names
+  TlsOptions tls;           // of gRPC and HTTP
   AccessOptions access;
   // Listen also where other machines reach it, although TLS or tokens are missing.
   bool without_protection = false;

@@ -83,6 +83,8 @@ std::vector<Setting> SettingsOf(DaemonOptions* options) {
                &options->access.limits.max_calls),
       Quantity("client_requests_per_s", "Requests of one client in a second", &options->access.limits.requests_per_s),
       Quantity("client_mb_per_s", "That one client may send in a second", &options->access.limits.bytes_per_s, 1e6),
+      Text("geopose_map", "Map that the GeoPose Protocol asks; by default those near the position that a request names",
+           &options->geopose_map),
       Quantity("memory_mb", "Of all open maps together, roughly; those used longest ago are closed first",
                &maps.memory_budget_bytes, 1e6),
       Quantity("idle_close_s", "A map that nobody has asked for so long is closed", &maps.idle_close_s),

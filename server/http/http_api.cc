@@ -7,7 +7,9 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
+#include "server/http/geopose.h"
 #include "server/http/localize_request.h"
 #include "server/rpc/serve.h"
 #include "wire/errors.h"
@@ -17,16 +19,15 @@ namespace {
 
 using Route = HttpApi::Route;
 
-enum Target { kListMaps, kDescribeMap, kLocalize, kHealth, kReady, kMetrics, kDescription };
-constexpr std::array<Route, 7> kRoutes = {{
-    {"GET", "/v1/maps"},
-    {"GET", "/v1/maps/{map}"},
-    {"POST", "/v1/maps/{map}:localize"},
-    {"GET", "/healthz"},
-    {"GET", "/readyz"},
-    {"GET", "/metrics"},
-    {"GET", "/openapi.json"},
-}};
+// What answers a route. `map`: what stands where it has {map}.
+struct Call {
+  const CallContext& server;
+  const HttpHooks& hooks;
+  const HttpRequest& http;
+  const Caller& caller;
+  std::string map;
+};
+using AnswerRoute = HttpResponse (*)(const Call& call);
 
 // What stands where the route has {map}, if the path is one of the route's.
 bool Matches(absl::string_view route, absl::string_view path, std::string* map) {
@@ -63,30 +64,121 @@ Caller CallerOf(const HttpRequest& request) {
   return {request.peer, request.authorization, request.request_id, static_cast<std::int64_t>(request.body.size())};
 }
 
-HttpResponse ListMapsOver(const CallContext& server, const Caller& caller) {
-  v1::ListMapsResponse response;
-  const auto list = [&](const CallContext& context) { return ListMaps(context, {}, &response); };
-  return Json(Serve(server, caller, "Maps.ListMaps", list), response);
+// The message in the body, in JSON; an empty one without a body.
+template <class Request>
+absl::StatusOr<Request> FromBody(const std::string& body) {
+  Request request;
+  if (body.empty()) return request;
+  const auto status = google::protobuf::util::JsonStringToMessage(body, &request);
+  if (!status.ok()) return absl::InvalidArgumentError(absl::StrCat("request: ", status.ToString()));
+  return request;
 }
 
-HttpResponse DescribeMapOver(const CallContext& server, const Caller& caller, const std::string& map) {
-  v1::DescribeMapRequest request;
-  request.set_map(map);
-  v1::DescribeMapResponse response;
-  const auto describe = [&](const CallContext& context) { return DescribeMap(context, request, &response); };
-  return Json(Serve(server, caller, "Maps.DescribeMap", describe), response);
+// A call of cairn.v1 with the message in the body, and what `fill` adds to it.
+template <class Request, class Response, class Fill>
+HttpResponse Answered(const Call& call, absl::string_view name,
+                      absl::Status (*rpc)(const CallContext&, const Request&, Response*), Fill&& fill) {
+  Response response;
+  const Served served = Serve(call.server, call.caller, name, [&](const CallContext& context) -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(Request request, FromBody<Request>(call.http.body));
+    fill(&request);
+    return rpc(context, request, &response);
+  });
+  return Json(served, response);
 }
 
-HttpResponse LocalizeOver(const CallContext& server, const Caller& caller, const std::string& map,
-                          const HttpRequest& http) {
+template <class Request, class Response>
+HttpResponse AnsweredOfMap(const Call& call, absl::string_view name,
+                           absl::Status (*rpc)(const CallContext&, const Request&, Response*)) {
+  return Answered(call, name, rpc, [&](Request* request) { request->set_map(call.map); });
+}
+
+template <class Request, class Response>
+HttpResponse AnsweredAsIs(const Call& call, absl::string_view name,
+                          absl::Status (*rpc)(const CallContext&, const Request&, Response*)) {
+  return Answered(call, name, rpc, [](Request*) {});
+}
+
+HttpResponse LocalizeOver(const Call& call) {
   v1::LocalizeImageResponse response;
   const auto localize = [&](const CallContext& context) -> absl::Status {
-    CAIRN_ASSIGN_OR_RETURN(v1::LocalizeImageRequest request, ReadLocalizeRequest(http));
-    request.set_map(map);
+    CAIRN_ASSIGN_OR_RETURN(v1::LocalizeImageRequest request, ReadLocalizeRequest(call.http));
+    request.set_map(call.map);
     return LocalizeImage(context, request, &response);
   };
-  return Json(Serve(server, caller, "Localize.LocalizeImage", localize), response);
+  return Json(Serve(call.server, call.caller, "Localize.LocalizeImage", localize), response);
 }
+
+HttpResponse LocalizeInMapsOver(const Call& call) {
+  v1::LocalizeInMapsResponse response;
+  const auto localize = [&](const CallContext& context) -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(const v1::LocalizeInMapsRequest request, ReadLocalizeInMapsRequest(call.http));
+    return LocalizeInMaps(context, request, &response);
+  };
+  return Json(Serve(call.server, call.caller, "Localize.LocalizeInMaps", localize), response);
+}
+
+HttpResponse Ready(const Call& call) {
+  const absl::Status ready = call.hooks.ready();
+  return ready.ok() ? Text(200, "ok\n")
+                    : ErrorResponse(absl::UnavailableError(ready.message()), call.caller.request_id);
+}
+
+// They name maps: who may read all of them may read them.
+HttpResponse MetricsOver(const Call& call) {
+  const Served served = Serve(call.server, call.caller, "Http.Metrics", [](const CallContext& context) {
+    return context.access == nullptr ? absl::OkStatus() : context.access->Require(*context.client, Right::kRead, "*");
+  });
+  if (!served.status.ok()) return ErrorResponse(served.status, served.request_id);
+  return {200, "text/plain; version=0.0.4; charset=utf-8", call.hooks.metrics()};
+}
+
+HttpResponse RestoreOver(const Call& call) {
+  return Answered(call, "Admin.RestoreMap", RestoreMap,
+                  [&](v1::RestoreMapRequest* request) { request->set_deleted(call.map); });
+}
+
+struct RouteAnswer {
+  Route route;
+  AnswerRoute answer;
+};
+constexpr std::array<RouteAnswer, 20> kAnswers = {{
+    {{"GET", "/v1/maps"}, [](const Call& c) { return AnsweredAsIs(c, "Maps.ListMaps", ListMaps); }},
+    {{"POST", "/v1/maps"}, [](const Call& c) { return AnsweredAsIs(c, "Admin.CreateMap", CreateMap); }},
+    {{"GET", "/v1/maps/{map}"}, [](const Call& c) { return AnsweredOfMap(c, "Maps.DescribeMap", DescribeMap); }},
+    {{"DELETE", "/v1/maps/{map}"}, [](const Call& c) { return AnsweredOfMap(c, "Admin.DeleteMap", DeleteMap); }},
+    {{"GET", "/v1/maps/{map}/sessions"},
+     [](const Call& c) { return AnsweredOfMap(c, "Sessions.ListSessions", ListSessions); }},
+    {{"GET", "/v1/maps/{map}/log"}, [](const Call& c) { return AnsweredOfMap(c, "Admin.ReadLog", ReadLog); }},
+    {{"POST", "/v1/maps/{map}:localize"}, LocalizeOver},
+    {{"POST", "/v1/maps/{map}:snapshot"},
+     [](const Call& c) { return AnsweredOfMap(c, "Admin.SnapshotMap", SnapshotMap); }},
+    {{"POST", "/v1/maps/{map}:verify"}, [](const Call& c) { return AnsweredOfMap(c, "Admin.VerifyMap", VerifyMap); }},
+    {{"POST", "/v1/maps/{map}:align"}, [](const Call& c) { return AnsweredOfMap(c, "Admin.AlignMap", AlignMap); }},
+    {{"POST", "/v1/localize"}, LocalizeInMapsOver},
+    {{"GET", "/v1/deleted"}, [](const Call& c) { return AnsweredAsIs(c, "Admin.ListDeletedMaps", ListDeletedMaps); }},
+    {{"POST", "/v1/deleted/{map}:restore"}, RestoreOver},
+    {{"GET", "/v1/status"}, [](const Call& c) { return AnsweredAsIs(c, "Status.GetStatus", GetStatus); }},
+    {{"POST", "/geopose"},
+     [](const Call& c) { return AnswerGeoPose(c.server, c.caller, c.http, c.hooks.geopose_map); }},
+    {{"GET", "/geopose"},
+     [](const Call&) {
+       return HttpResponse{200, "application/json", R"({"status": "running"})"};
+     }},
+    {{"GET", "/healthz"}, [](const Call&) { return Text(200, "ok\n"); }},
+    {{"GET", "/readyz"}, Ready},
+    {{"GET", "/metrics"}, MetricsOver},
+    {{"GET", "/openapi.json"},
+     [](const Call&) {
+       return HttpResponse{200, "application/json", HttpApi::OpenApi()};
+     }},
+}};
+
+constexpr std::array<Route, kAnswers.size()> kRoutes = [] {
+  std::array<Route, kAnswers.size()> routes;
+  for (std::size_t i = 0; i < routes.size(); ++i) routes[i] = kAnswers[i].route;
+  return routes;
+}();
 
 }  // namespace
 
@@ -122,43 +214,18 @@ HttpResponse HttpApi::Handle(const HttpRequest& request) const {
   return response;
 }
 
-// They name maps: who may read all of them may read them.
-HttpResponse HttpApi::MetricsOver(const Caller& caller) const {
-  const Served served = Serve(context_, caller, "Http.Metrics", [](const CallContext& context) {
-    return context.access == nullptr ? absl::OkStatus() : context.access->Require(*context.client, Right::kRead, "*");
-  });
-  if (!served.status.ok()) return ErrorResponse(served.status, served.request_id);
-  return {200, "text/plain; version=0.0.4; charset=utf-8", hooks_.metrics()};
-}
-
 HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) const {
   const std::string& id = caller.request_id;
-  std::string map, allowed;
-  for (std::size_t i = 0; i < kRoutes.size(); ++i) {
-    if (!Matches(kRoutes[i].path, request.path, &map)) continue;
-    if (request.method != kRoutes[i].method && !(request.method == "HEAD" && kRoutes[i].method == "GET")) {
-      allowed = std::string(kRoutes[i].method);
-      continue;
+  Call call{context_, hooks_, request, caller, ""};
+  std::vector<std::string> methods;  // that the path takes
+  for (const RouteAnswer& answer : kAnswers) {
+    if (!Matches(answer.route.path, request.path, &call.map)) continue;
+    if (request.method == answer.route.method || (request.method == "HEAD" && answer.route.method == "GET")) {
+      return answer.answer(call);
     }
-    switch (static_cast<Target>(i)) {
-      case kListMaps:
-        return ListMapsOver(context_, caller);
-      case kDescribeMap:
-        return DescribeMapOver(context_, caller, map);
-      case kLocalize:
-        return LocalizeOver(context_, caller, map, request);
-      case kHealth:
-        return Text(200, "ok\n");
-      case kReady: {
-        const absl::Status ready = hooks_.ready();
-        return ready.ok() ? Text(200, "ok\n") : ErrorResponse(absl::UnavailableError(ready.message()), id);
-      }
-      case kMetrics:
-        return MetricsOver(caller);
-      case kDescription:
-        return {200, "application/json", OpenApi()};
-    }
+    methods.emplace_back(answer.route.method);
   }
+  const std::string allowed = absl::StrJoin(methods, ", ");
   if (!allowed.empty()) {
     HttpResponse response = ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this takes ", allowed)), id);
     response.status = 405;

@@ -14,6 +14,7 @@ namespace cairn::server {
 struct HttpHooks {
   std::function<absl::Status()> ready;   // whether requests can be served
   std::function<std::string()> metrics;  // in Prometheus' text format
+  std::string geopose_map = {};          // that the GeoPose Protocol asks; empty: those that are near
 };
 
 class HttpApi {
@@ -24,7 +25,7 @@ class HttpApi {
   // Any thread. Nothing is thrown.
   HttpResponse Handle(const HttpRequest& request) const;
 
-  // Every path that is answered, "{map}" in place of a name, and by which method.
+  // Every path that is answered, "{map}" in place of a name (of a map, or of a deleted one), and by which method.
   struct Route {
     absl::string_view method;
     absl::string_view path;
@@ -35,7 +36,6 @@ class HttpApi {
 
  private:
   HttpResponse Answer(const HttpRequest& request, const Caller& caller) const;
-  HttpResponse MetricsOver(const Caller& caller) const;
 
   const CallContext context_;
   const HttpHooks hooks_;

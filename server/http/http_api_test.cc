@@ -18,6 +18,9 @@ namespace {
 using nlohmann::json;
 using testing::HasSubstr;
 
+constexpr const char* kAnchor =
+    R"({"anchor": {"latitude_deg": 60.1699, "longitude_deg": 24.9384, "height_m": 30, "enu_from_world": {"w": 1}}})";
+
 class HttpApiTest : public testing::Test {
  protected:
   void SetUp() override {
@@ -212,6 +215,62 @@ TEST_F(HttpApiTest, TheDescriptionHasEveryRouteAndFitsTheAnswers) {
   CheckAgainst(json::parse(Get("/v1/maps/none").body), schema("/v1/maps/{map}", "get", "404"), described);
   CheckAgainst(json::parse(api_->Handle(Form({{"image", Photo()}, {"camera", CameraText()}})).body),
                schema("/v1/maps/{map}:localize", "post", "200"), described);
+  const auto post = [&](const std::string& path, const std::string& route, const std::string& body) {
+    const HttpResponse response = api_->Handle({"POST", path, "application/json", body});
+    EXPECT_EQ(response.status, 200) << path << ": " << response.body;
+    CheckAgainst(json::parse(response.body), schema(route, "post", "200"), described);
+    return json::parse(response.body);
+  };
+  post("/v1/maps/room:align", "/v1/maps/{map}:align", kAnchor);
+  CheckAgainst(json::parse(Get("/v1/maps/room").body), schema("/v1/maps/{map}", "get", "200"), described);
+  post("/v1/maps/room:snapshot", "/v1/maps/{map}:snapshot", R"({"as": "copy"})");
+  post("/v1/maps", "/v1/maps", R"({"map": "hall"})");
+  post("/v1/maps/room:verify", "/v1/maps/{map}:verify", "");
+  CheckAgainst(json::parse(Get("/v1/maps/room/log").body), schema("/v1/maps/{map}/log", "get", "200"), described);
+  CheckAgainst(json::parse(Get("/v1/maps/room/sessions").body), schema("/v1/maps/{map}/sessions", "get", "200"),
+               described);
+  HttpRequest across = Form({{"image", Photo()}, {"camera", CameraText()}, {"maps", "room,hall"}});
+  across.path = "/v1/localize";
+  const json found = json::parse(api_->Handle(across).body);
+  CheckAgainst(found, schema("/v1/localize", "post", "200"), described);
+  EXPECT_EQ(found["map"], "room");
+  EXPECT_EQ(found["answers"].size(), 2u);
+  const json deleted = json::parse(api_->Handle({"DELETE", "/v1/maps/copy", "", ""}).body);
+  CheckAgainst(deleted, schema("/v1/maps/{map}", "delete", "200"), described);
+  CheckAgainst(json::parse(Get("/v1/deleted").body), schema("/v1/deleted", "get", "200"), described);
+  const std::string name = deleted["deleted"].get<std::string>();
+  post("/v1/deleted/" + name + ":restore", "/v1/deleted/{map}:restore", R"({"as": "back"})");
+  CheckAgainst(json::parse(Get("/v1/status").body), schema("/v1/status", "get", "501"), described);
+}
+
+TEST_F(HttpApiTest, KeepsMaps) {
+  const auto post = [&](const std::string& path, const std::string& body) {
+    return api_->Handle({"POST", path, "application/json", body});
+  };
+  EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"as": "../copy"})").status, 400);
+  EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"as": "room"})").status, 409);
+  EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"to": "copy"})").status, 400);
+  EXPECT_EQ(post("/v1/maps/kitchen:snapshot", R"({"as": "copy"})").status, 404);
+  EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"as": "copy", "map": "kitchen"})").status, 200) << "the path counts";
+  const json placed = json::parse(post("/v1/maps/copy:align", kAnchor).body);
+  EXPECT_EQ(placed["geo_anchor_changed"], true);
+  EXPECT_EQ(json::parse(Get("/v1/maps/copy").body)["summary"]["geo_anchor"]["latitude_deg"], 60.1699);
+  EXPECT_EQ(post("/v1/maps/copy:align", kAnchor).status, 409);
+  EXPECT_EQ(post("/v1/maps/copy:align", "{}").status, 400);
+  EXPECT_EQ(json::parse(Get("/v1/maps/copy/log").body)["changes"][0]["reason"], "set the geographic anchor");
+  EXPECT_EQ(json::parse(post("/v1/maps/copy:verify", R"({"deep": true})").body)["findings"].size(), 0u);
+  const HttpResponse deleted = api_->Handle({"DELETE", "/v1/maps/copy", "", ""});
+  EXPECT_EQ(deleted.status, 200);
+  EXPECT_EQ(Get("/v1/maps/copy").status, 404);
+  EXPECT_EQ(api_->Handle({"DELETE", "/v1/maps/copy", "", ""}).status, 404);
+  EXPECT_EQ(post("/v1/deleted/copy.1:restore", "").status, 404);
+  EXPECT_EQ(post("/v1/deleted/..:restore", "").status, 400);
+  const std::string name = json::parse(deleted.body)["deleted"].get<std::string>();
+  EXPECT_EQ(json::parse(post("/v1/deleted/" + name + ":restore", "").body)["map"], "copy");
+  EXPECT_EQ(Get("/v1/maps/copy").status, 200);
+  const HttpResponse wrong = api_->Handle({"PUT", "/v1/maps/copy", "", ""});
+  EXPECT_EQ(wrong.status, 405);
+  EXPECT_THAT(wrong.headers, testing::Contains(testing::Pair("Allow", "GET, DELETE")));
 }
 
 }  // namespace

@@ -111,6 +111,7 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     request.content_type = std::string(received[http::field::content_type]);
     request.body = std::move(received.body());
     request.peer = peer_;
+    request.accept = std::string(received[http::field::accept]);
     request.authorization = std::string(received[http::field::authorization]);
     request.request_id = std::string(received["X-Request-Id"]);
     request.origin = std::string(received[http::field::origin]);

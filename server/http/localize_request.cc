@@ -7,6 +7,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_split.h"
 #include "server/http/camera_json.h"
 #include "server/http/multipart.h"
 #include "wire/convert.h"
@@ -15,15 +16,18 @@
 namespace cairn::server {
 namespace {
 
-absl::StatusOr<v1::LocalizeImageRequest> FromJson(const std::string& body) {
-  v1::LocalizeImageRequest request;
+template <class Request>
+absl::StatusOr<Request> FromJson(const std::string& body) {
+  Request request;
   const auto status = google::protobuf::util::JsonStringToMessage(body, &request);
   if (!status.ok()) return absl::InvalidArgumentError(absl::StrCat("request: ", status.ToString()));
   return request;
 }
 
-absl::StatusOr<v1::LocalizeImageRequest> FromForm(const std::vector<FormPart>& parts) {
-  v1::LocalizeImageRequest request;
+// What is said of maps goes to `maps`, unless it is null.
+template <class Request>
+absl::StatusOr<Request> FromForm(const std::vector<FormPart>& parts, std::string* maps) {
+  Request request;
   std::string camera_json;
   for (const FormPart& part : parts) {
     if (part.name == "image") {
@@ -36,8 +40,11 @@ absl::StatusOr<v1::LocalizeImageRequest> FromForm(const std::vector<FormPart>& p
         return absl::InvalidArgumentError("time_ns: must be a whole number of nanoseconds");
       }
       request.set_time_ns(time_ns);
+    } else if (part.name == "maps" && maps != nullptr) {
+      *maps = std::string(part.content);
     } else {
-      return absl::InvalidArgumentError("form: it has a part that is none of image, camera, time_ns");
+      return absl::InvalidArgumentError(
+          absl::StrCat("form: it has a part that is none of image, camera, time_ns", maps != nullptr ? ", maps" : ""));
     }
   }
   if (!request.has_image()) return absl::InvalidArgumentError("form: the part `image` is missing: a PNG or JPEG file");
@@ -58,9 +65,20 @@ absl::StatusOr<v1::LocalizeImageRequest> FromForm(const std::vector<FormPart>& p
 }  // namespace
 
 absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& http) {
-  if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson(http.body);
+  using Request = v1::LocalizeImageRequest;
+  if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http.body);
   CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
-  return FromForm(parts);
+  return FromForm<Request>(parts, nullptr);
+}
+
+absl::StatusOr<v1::LocalizeInMapsRequest> ReadLocalizeInMapsRequest(const HttpRequest& http) {
+  using Request = v1::LocalizeInMapsRequest;
+  if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http.body);
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
+  std::string maps;
+  CAIRN_ASSIGN_OR_RETURN(Request request, FromForm<Request>(parts, &maps));
+  for (const absl::string_view map : absl::StrSplit(maps, ',', absl::SkipEmpty())) request.add_maps(std::string(map));
+  return request;
 }
 
 }  // namespace cairn::server

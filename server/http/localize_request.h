@@ -12,4 +12,8 @@ namespace cairn::server {
 // InvalidArgument says what is wrong.
 absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& http);
 
+// Likewise, for several maps: a form may have the part `maps`, their names with commas between; without it all are
+// meant.
+absl::StatusOr<v1::LocalizeInMapsRequest> ReadLocalizeInMapsRequest(const HttpRequest& http);
+
 }  // namespace cairn::server

@@ -18,6 +18,7 @@ struct HttpRequest {
   std::string authorization = {};  // headers, as they are named; empty: not there
   std::string request_id = {};     // X-Request-Id
   std::string origin = {};
+  std::string accept = {};  // the header, as it came; empty: none
 };
 
 struct HttpResponse {

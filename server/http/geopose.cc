@@ -1,0 +1,269 @@
+#include "server/http/geopose.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_split.h"
+#include "server/http/camera_json.h"
+#include "server/http/http_api.h"
+#include "server/rpc/images.h"
+#include "server/rpc/serve.h"
+
+namespace cairn::server {
+namespace {
+
+constexpr double kDegreesPerRad = 180.0 / std::numbers::pi;
+
+absl::Status BadRequest(absl::string_view what) { return absl::InvalidArgumentError(absl::StrCat("geopose: ", what)); }
+
+// A member of an object, null if it is not there.
+const nlohmann::json& Member(const nlohmann::json& object, const char* key) {
+  static const nlohmann::json none;
+  const auto found = object.is_object() ? object.find(key) : object.end();
+  return object.is_object() && found != object.end() ? *found : none;
+}
+
+std::string TextOf(const nlohmann::json& value) { return value.is_string() ? value.get<std::string>() : ""; }
+
+absl::StatusOr<double> NumberOf(const nlohmann::json& object, const char* key) {
+  const nlohmann::json& value = Member(object, key);
+  if (!value.is_number() || !std::isfinite(value.get<double>())) {
+    return BadRequest(absl::StrCat("`", key, "` must be a number"));
+  }
+  return value.get<double>();
+}
+
+struct Size {
+  int width_px = 0;
+  int height_px = 0;
+};
+
+absl::StatusOr<Size> SizeFrom(const nlohmann::json& reading) {
+  const nlohmann::json& size = Member(reading, "size");
+  const auto good = [](const nlohmann::json& side) {
+    return side.is_number() && side.get<double>() >= 1.0 && side.get<double>() <= 1e6 &&
+           side.get<double>() == std::floor(side.get<double>());
+  };
+  if (!size.is_array() || size.size() != 2 || !good(size[0]) || !good(size[1])) {
+    return BadRequest("`size` of the camera reading must be [width, height] in pixels");
+  }
+  return Size{static_cast<int>(size[0].get<double>()), static_cast<int>(size[1].get<double>())};
+}
+
+absl::StatusOr<v1::Image> ImageFrom(const nlohmann::json& reading, const Size& size) {
+  std::string bytes;
+  const std::string text = TextOf(Member(reading, "imageBytes"));
+  if (text.empty()) return BadRequest("the camera reading has no image: `imageBytes`, in base64");
+  if (!absl::Base64Unescape(text, &bytes)) return BadRequest("`imageBytes` is not base64");
+  if (Member(Member(reading, "imageOrientation"), "mirrored") == nlohmann::json(true)) {
+    return BadRequest("mirrored images are not located: turn it back before sending it");
+  }
+  const std::string format = TextOf(Member(reading, "imageFormat"));
+  const std::size_t pixels = static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
+  v1::Image image;
+  if (format == "JPG" || format == "JPEG" || format == "PNG") {
+    image.set_encoded(std::move(bytes));
+  } else if (format == "GRAY8") {
+    image.set_gray(std::move(bytes));
+  } else if (format == "RGBA32") {
+    if (bytes.size() != 4 * pixels) return BadRequest("`imageBytes` must be 4 bytes a pixel");
+    std::string& rgb = *image.mutable_rgb();
+    rgb.resize(3 * pixels);
+    for (std::size_t i = 0; i < pixels; ++i) std::copy_n(&bytes[4 * i], 3, &rgb[3 * i]);
+  } else {
+    return BadRequest(absl::StrCat("`imageFormat` must be JPG, GRAY8 or RGBA32"));
+  }
+  return image;
+}
+
+absl::StatusOr<Camera> CameraFrom(const nlohmann::json& reading, const Size& size) {
+  const nlohmann::json& params = Member(reading, "params");
+  if (!params.is_object()) return BadRequest("the camera reading has no `params`: model and modelParams, as COLMAP's");
+  nlohmann::json camera = {{"width", size.width_px}, {"height", size.height_px}};
+  if (params.contains("model")) camera["model"] = params["model"];
+  if (params.contains("modelParams")) camera["params"] = params["modelParams"];
+  return CameraFromJson(camera.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
+absl::Status ReadPriorPose(const nlohmann::json& pose, GeoPoseRequest* request) {
+  const nlohmann::json& position = Member(Member(pose, "geopose"), "position");
+  GeoPosition prior;
+  CAIRN_ASSIGN_OR_RETURN(prior.latitude_deg, NumberOf(position, "lat"));
+  CAIRN_ASSIGN_OR_RETURN(prior.longitude_deg, NumberOf(position, "lon"));
+  CAIRN_ASSIGN_OR_RETURN(prior.height_m, NumberOf(position, "h"));
+  const auto accuracy = NumberOf(Member(pose, "accuracy"), "position");
+  request->prior = prior;
+  request->prior_accuracy_m = accuracy.ok() ? std::max(0.0, *accuracy) : 0.0;
+  return prior.Validate();
+}
+
+absl::Status ReadGeolocation(const nlohmann::json& reading, GeoPoseRequest* request) {
+  GeoPosition prior;
+  CAIRN_ASSIGN_OR_RETURN(prior.latitude_deg, NumberOf(reading, "latitude"));
+  CAIRN_ASSIGN_OR_RETURN(prior.longitude_deg, NumberOf(reading, "longitude"));
+  const auto altitude = NumberOf(reading, "altitude");  // null where the device does not know
+  prior.height_m = altitude.ok() ? *altitude : 0.0;
+  const auto accuracy = NumberOf(reading, "accuracy");
+  request->prior = prior;
+  request->prior_accuracy_m = accuracy.ok() ? std::max(0.0, *accuracy) : 0.0;
+  return prior.Validate();
+}
+
+absl::Status ReadPrior(const nlohmann::json& body, GeoPoseRequest* request) {
+  if (const nlohmann::json& poses = Member(body, "priorPoses"); poses.is_array() && !poses.empty()) {
+    return ReadPriorPose(poses.back(), request);
+  }
+  // The protocol's client library writes the name in another way than the protocol.
+  for (const char* name : {"geolocationReadings", "geoLocationReadings"}) {
+    const nlohmann::json& readings = Member(Member(body, "sensorReadings"), name);
+    if (readings.is_array() && !readings.empty()) return ReadGeolocation(readings.back(), request);
+  }
+  return absl::OkStatus();
+}
+
+// Mean of the standard deviations along three axes.
+double MeanSigma(const Matrix3d& covariance) { return covariance.diagonal().cwiseMax(0.0).cwiseSqrt().mean(); }
+
+std::string AnswerText(const GeoPoseRequest& request, const map::GeoPose& pose, const GeoPoseAccuracy& accuracy) {
+  const Quaterniond& q = pose.enu_from_body;
+  const nlohmann::ordered_json answer = {
+      {"id", request.id},
+      {"timestamp", request.timestamp_ms},
+      {"accuracy", {{"position", accuracy.position_m}, {"orientation", accuracy.orientation_deg}}},
+      {"type", "geopose"},
+      {"geopose",
+       {{"position",
+         {{"lon", pose.position.longitude_deg}, {"lat", pose.position.latitude_deg}, {"h", pose.position.height_m}}},
+        {"quaternion", {{"x", q.x()}, {"y", q.y()}, {"z", q.z()}, {"w", q.w()}}}}}};
+  return answer.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+absl::StatusOr<std::string> Find(const CallContext& context, const HttpRequest& http, absl::string_view only) {
+  CAIRN_RETURN_IF_ERROR(CheckGeoPoseVersion(http.accept));
+  CAIRN_ASSIGN_OR_RETURN(const GeoPoseRequest request, ReadGeoPoseRequest(http.body));
+  api::LocalizeQuery query;
+  query.camera = request.camera;
+  CAIRN_RETURN_IF_ERROR(Annotate(query.camera.Validate(), "geopose"));
+  CAIRN_ASSIGN_OR_RETURN(query.image, GrayImageOf(request.image, query.camera, context.images));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<api::MapSummary> maps, context.maps->List());
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<std::string> near, MapsNear(maps, request, only));
+  CAIRN_ASSIGN_OR_RETURN(const api::AcrossAnswer across, context.maps->LocalizeAcross(near, query));
+  if (context.observer != nullptr && !across.answers.empty()) context.observer->OnLocalized(across.answers[0].answer);
+  const api::LocalizeAnswer* located = across.located();
+  if (located == nullptr) {
+    if (across.ambiguous) return absl::NotFoundError("geopose: the image fits several maps about as well");
+    const api::AnswerOfMap& best = across.answers.at(0);
+    return absl::NotFoundError(absl::StrCat("geopose: the camera was not found: ",
+                                            best.status.ok() ? best.answer.reason : best.status.message()));
+  }
+  if (!located->world_is_metric) {
+    return absl::NotFoundError("geopose: the camera was found in a part of the map whose place is not known");
+  }
+  const auto map = std::ranges::find(maps, across.map, &api::MapSummary::name);
+  return AnswerText(request, map::GeoPoseOf(*map->geo_anchor, located->world_from_camera), AccuracyOf(*located));
+}
+
+}  // namespace
+
+absl::Status CheckGeoPoseVersion(absl::string_view accept) {
+  const absl::Status wrong =
+      BadRequest(absl::StrCat("the header Accept must take version 2.0 of the protocol: ", kGeoPoseMediaType));
+  for (const absl::string_view range : absl::StrSplit(accept, ',')) {
+    const std::vector<std::string> parts = absl::StrSplit(absl::AsciiStrToLower(range), ';');
+    const absl::string_view type = absl::StripAsciiWhitespace(parts[0]);
+    // Whoever takes anything takes the newest version.
+    if (type == "*/*" || type == "application/*" || type == "application/json") return absl::OkStatus();
+    if (type != "application/vnd.oscp+json") continue;
+    for (std::size_t i = 1; i < parts.size(); ++i) {
+      const std::vector<absl::string_view> pair = absl::StrSplit(parts[i], '=');
+      if (pair.size() != 2 || absl::StripAsciiWhitespace(pair[0]) != "version") continue;
+      const absl::string_view version = absl::StripAsciiWhitespace(pair[1]);
+      if (version == "2.0" || version == "2") return absl::OkStatus();
+    }
+  }
+  return wrong;
+}
+
+absl::StatusOr<GeoPoseRequest> ReadGeoPoseRequest(const std::string& body) {
+  const nlohmann::json parsed = nlohmann::json::parse(body, nullptr, /*allow_exceptions=*/false);
+  if (!parsed.is_object()) return BadRequest("the body must be a GeoPoseReq in JSON");
+  GeoPoseRequest request;
+  request.id = TextOf(Member(parsed, "id"));
+  if (request.id.empty()) return BadRequest("`id` is missing");
+  const std::string type = TextOf(Member(parsed, "type"));
+  if (!type.empty() && type != "geopose") return BadRequest("`type` must be geopose");
+  if (const nlohmann::json& time = Member(parsed, "timestamp");
+      time.is_number() && std::abs(time.get<double>()) < 9e15) {
+    request.timestamp_ms = static_cast<std::int64_t>(time.get<double>());
+  }
+  const nlohmann::json& readings = Member(Member(parsed, "sensorReadings"), "cameraReadings");
+  if (!readings.is_array() || readings.empty()) return BadRequest("the request has no camera readings");
+  const nlohmann::json& reading = readings.back();  // the newest
+  CAIRN_ASSIGN_OR_RETURN(const Size size, SizeFrom(reading));
+  CAIRN_ASSIGN_OR_RETURN(request.camera, CameraFrom(reading, size));
+  CAIRN_ASSIGN_OR_RETURN(request.image, ImageFrom(reading, size));
+  CAIRN_RETURN_IF_ERROR(Annotate(ReadPrior(parsed, &request), "geopose: the prior position"));
+  return request;
+}
+
+GeoPoseAccuracy AccuracyOf(const api::LocatedPose& located) {
+  // The covariance is of a left increment, which turns about the origin of the map: of the centre of the camera it is
+  // that of the increment's translation and what turning adds.
+  Eigen::Matrix<double, 3, 6> center_by_increment;
+  center_by_increment << Matrix3d::Identity(), -Hat(located.map_from_camera.translation());
+  const Matrix3d center = center_by_increment * located.covariance * center_by_increment.transpose();
+  const Matrix3d rotation = located.covariance.bottomRightCorner<3, 3>();
+  const Matrix3d world_from_map =
+      (located.world_from_camera.rotation() * located.map_from_camera.rotation().conjugate()).toRotationMatrix();
+  return {located.world_per_map * MeanSigma(world_from_map * center * world_from_map.transpose()),
+          kDegreesPerRad * MeanSigma(world_from_map * rotation * world_from_map.transpose())};
+}
+
+absl::StatusOr<std::vector<std::string>> MapsNear(const std::vector<api::MapSummary>& maps,
+                                                  const GeoPoseRequest& request, absl::string_view only) {
+  // A map reaches as far from its anchor as somebody has walked, and a prior may be of a cell of a phone network.
+  constexpr double kReach_m = 5000.0;
+  constexpr std::size_t kMaxMaps = 8;
+  struct Candidate {
+    double distance_m;
+    std::string name;
+  };
+  std::vector<Candidate> candidates;
+  for (const api::MapSummary& map : maps) {
+    if (!map.geo_anchor || (!only.empty() && map.name != only)) continue;
+    double distance_m = 0.0;
+    if (request.prior) {
+      distance_m = (EcefFromGeodetic(*request.prior) - EcefFromGeodetic(map::PositionOf(*map.geo_anchor))).norm();
+      if (distance_m > kReach_m + 3.0 * request.prior_accuracy_m) continue;
+    }
+    candidates.push_back({distance_m, map.name});
+  }
+  if (candidates.empty()) {
+    return absl::NotFoundError(request.prior ? "geopose: there is no map near the position that the request names"
+                                             : "geopose: no map here has a geographic anchor (cairn align --geo)");
+  }
+  std::ranges::stable_sort(candidates, {}, &Candidate::distance_m);
+  if (candidates.size() > kMaxMaps) candidates.resize(kMaxMaps);
+  std::vector<std::string> names;
+  for (Candidate& candidate : candidates) names.push_back(std::move(candidate.name));
+  return names;
+}
+
+HttpResponse AnswerGeoPose(const CallContext& server, const Caller& caller, const HttpRequest& http,
+                           absl::string_view only) {
+  std::string answer;
+  const Served served = Serve(server, caller, "GeoPose", [&](const CallContext& context) -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(answer, Find(context, http, only));
+    return absl::OkStatus();
+  });
+  if (!served.status.ok()) return ErrorResponse(served.status, served.request_id);
+  return {200, std::string(kGeoPoseMediaType), answer};
+}
+
+}  // namespace cairn::server
