@@ -7,9 +7,11 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
+#include "cli/align_report.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
 #include "cli/described_map.h"
+#include "cli/geo_options.h"
 #include "cli/pictures.h"
 #include "cli/server_option.h"
 #include "cli/session_report.h"
@@ -112,6 +114,7 @@ nlohmann::ordered_json Describe(const store::MapOverview& map, bool being_writte
           {"keyframes", summary.keyframes},
           {"points", summary.points},
           {"components", ComponentsAsJson(ToldComponents(map))},
+          {"geo_anchor", AnchorAsJson(summary.info.geo_anchor)},
           {"features_per_keyframe", quality.features},
           {"points_per_keyframe", quality.points},
           {"covisible_keyframes", quality.covisible},
@@ -205,6 +208,9 @@ void Print(const store::MapOverview& map, const std::string& path, bool being_wr
               static_cast<long long>(summary.points), quality.observations_per_point, quality.error_rms_px,
               quality.error_median_px);
   PrintComponents(ToldComponents(map), "  ", kListed);
+  if (const auto& anchor = map.summary.info.geo_anchor) {
+    std::printf("%s", Wrapped(absl::StrCat("on the earth at ", DescribeAnchor(*anchor)), "  ", "    ").c_str());
+  }
   PrintSizes(map);
   std::printf("  vocabulary %s, id %s\n",
               absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16)).c_str(), summary.info.id.c_str());

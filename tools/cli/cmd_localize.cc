@@ -6,6 +6,7 @@
 #include <iostream>
 #include <map>
 
+#include "absl/strings/str_split.h"
 #include "api/localizer.h"
 #include "base/files.h"
 #include "base/guarded.h"
@@ -14,6 +15,7 @@
 #include "cli/component_report.h"
 #include "cli/input_options.h"
 #include "cli/interrupt.h"
+#include "cli/localize_across.h"
 #include "cli/localize_answer.h"
 #include "cli/localize_target.h"
 #include "cli/pictures.h"
@@ -36,6 +38,7 @@ struct LocalizeOptions {
   std::string picture;
   PriorOptions prior_text;
   std::optional<api::PosePrior> prior;  // of every image
+  bool all_maps = false;
   bool independent = false;
   bool verbose = false;
   bool overwrite = false;
@@ -157,7 +160,7 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
 
-absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer& localizer) {
+absl::StatusOr<api::LocalizeQuery> QueryOf(const LocalizeOptions& options) {
   if (options.input.open.camera_path.empty()) {
     return absl::InvalidArgumentError("a single photo needs its calibration: give --camera camera.yaml");
   }
@@ -172,6 +175,17 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
     CAIRN_ASSIGN_OR_RETURN(const image::MaskFiller hidden, io::LoadMask(mask, query.image.size()));
     hidden.Fill(&query.image);
   }
+  return query;
+}
+
+// Names of maps of a server; none: one map alone is asked.
+std::vector<std::string> SeveralMaps(const LocalizeOptions& options) {
+  if (options.server.empty() || options.map.find(',') == std::string::npos) return {};
+  return absl::StrSplit(options.map, ',', absl::SkipEmpty());
+}
+
+absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer& localizer) {
+  CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options));
   CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, localizer.Localize(query));
   Summary summary;
   summary.together = {answer.component};
@@ -250,6 +264,10 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, LocalizeTar
 
 absl::StatusOr<int> Localize(LocalizeOptions options) {
   InterruptWatch interrupt;
+  if (options.map.empty() != options.all_maps) return FailUsage("localize", "--map is required", options.json);
+  if (options.all_maps && options.server.empty()) {
+    return FailUsage("localize", "--all-maps are those of a server: give --server HOST:PORT", options.json);
+  }
   std::error_code error;
   if (!options.server.empty() && !options.picture.empty()) {
     return FailUsage("localize", "--picture draws a map file: not with --server", options.json);
@@ -281,6 +299,14 @@ absl::StatusOr<int> Localize(LocalizeOptions options) {
   for (const std::string* output : {&options.out, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
+  if (const std::vector<std::string> several = SeveralMaps(options); options.all_maps || !several.empty()) {
+    if (!photo || !options.out.empty() || options.prior) {
+      return FailUsage("localize", "several maps are asked for one photo at a time, without --out and --prior",
+                       options.json);
+    }
+    CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options));
+    return LocalizeAcrossMaps(options.server, several, query, options.input.sequence, options.json);
+  }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<LocalizeTarget> localizer,
                          OpenLocalizeTarget(options.server, options.map));
   return photo ? LocalizePhoto(options, *localizer) : LocalizeSequence(options, *localizer, &interrupt);
@@ -292,8 +318,10 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("localize", "Find the cameras of a sequence, or of one photo, in a map");
   auto options = std::make_shared<LocalizeOptions>();
   AddInputOptions(verb, &options->input);
-  verb->add_option("--map", options->map, "Map file (.cairn), with --server the name of a map there; it is only read")
-      ->required();
+  verb->add_option("--map", options->map,
+                   "Map file (.cairn), with --server the name of a map there, or of several with commas between; it is "
+                   "only read");
+  verb->add_flag("--all-maps", options->all_maps, "In which of all maps of the server was the photo taken?");
   verb->add_option(
       "--out", options->out,
       "Write the poses found to this file (TUM format); of a map of several components those in the aligned "
@@ -315,7 +343,8 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
       "  cairn localize photo.jpg --camera camera.yaml --map office.cairn --prior \"1.2 0.4 1.5 0 0 0 1\" "
       "--prior-sigma \"0.5 "
       "10\"\n"
-      "  cairn --server localhost:7878 localize photo.jpg --camera camera.yaml --map office");
+      "  cairn --server localhost:7878 localize photo.jpg --camera camera.yaml --map office\n"
+      "  cairn --server localhost:7878 localize photo.jpg --camera camera.yaml --all-maps");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
     *action = [=] {

@@ -3,17 +3,19 @@
 
 #include "absl/strings/str_join.h"
 #include "cli/cli.h"
+#include "cli/server_option.h"
 #include "cli/unix_time.h"
-#include "store/map_store.h"
+#include "host/inspect.h"
 
 namespace cairn::cli {
 namespace {
 
 struct LogOptions {
   std::string map;
+  std::string server;
   SessionId::Value session = 0;
   Revision from = 0;
-  int count = store::kMaxLoggedChanges;
+  int count = map::kMaxLoggedChanges;
   bool json = false;
 };
 
@@ -23,7 +25,7 @@ std::vector<SessionId::Value> Values(const std::vector<ComponentId>& ids) {
   return values;
 }
 
-nlohmann::ordered_json AsJson(const store::LoggedChange& change) {
+nlohmann::ordered_json AsJson(const map::LoggedChange& change) {
   nlohmann::ordered_json json = {{"revision", change.revision},
                                  {"committed", FormatUnixTime(change.committed_unix_ns)},
                                  {"committed_unix_ns", change.committed_unix_ns},
@@ -45,7 +47,7 @@ nlohmann::ordered_json AsJson(const store::LoggedChange& change) {
 }
 
 // "12 keyframes, 310 points; 4 points removed"
-std::string Touched(const store::LoggedChange& change) {
+std::string Touched(const map::LoggedChange& change) {
   std::vector<std::string> put, removed;
   const auto add = [](std::int64_t count, const char* what, std::vector<std::string>* list) {
     if (count > 0) list->push_back(absl::StrCat(count, " ", what, count == 1 ? "" : "s"));
@@ -68,36 +70,32 @@ std::string Touched(const store::LoggedChange& change) {
   return text;
 }
 
-absl::Status Log(const LogOptions& options) {
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> map,
-                         store::OpenMapStore(options.map, store::OpenMode::kRead));
-  if (options.session != 0) {
-    CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, map->ReadSummary());
-    if (static_cast<std::int64_t>(options.session) > summary.sessions) {
-      return absl::NotFoundError(absl::StrCat(options.map, " has no session ", options.session, ", the last is ",
-                                              summary.sessions, " (cairn info)"));
-    }
-  }
-  store::ChangeQuery query;
+absl::StatusOr<api::MapLog> ReadLog(const LogOptions& options) {
+  map::ChangeQuery query;
   query.from_revision = options.from;
   query.session = SessionId(options.session);
   query.max_count = options.count;
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<store::LoggedChange> changes, map->ReadChanges(query));
+  if (options.server.empty()) return host::ReadMapLog(options.map, query);
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
+  return service->Log(options.map, query);
+}
+
+absl::Status Log(const LogOptions& options) {
+  CAIRN_ASSIGN_OR_RETURN(const api::MapLog log, ReadLog(options));
   if (options.json) {
     nlohmann::ordered_json json = nlohmann::ordered_json::array();
-    for (const store::LoggedChange& change : changes) json.push_back(AsJson(change));
-    CAIRN_ASSIGN_OR_RETURN(const Revision revision, map->ReadRevision());
-    PrintJson({{"map", options.map}, {"revision", revision}, {"changes", json}});
+    for (const map::LoggedChange& change : log.changes) json.push_back(AsJson(change));
+    PrintJson({{"map", options.map}, {"revision", log.revision}, {"changes", json}});
     return absl::OkStatus();
   }
-  for (const store::LoggedChange& change : changes) {
+  for (const map::LoggedChange& change : log.changes) {
     const std::string when = FormatUnixTime(change.committed_unix_ns);
     std::printf("%6llu  %-23s  %-9s  %s\n        %s\n", static_cast<unsigned long long>(change.revision),
                 when.empty() ? "-" : when.c_str(),
                 change.session ? absl::StrCat("session ", change.session.value()).c_str() : "-", change.reason.c_str(),
                 Touched(change).c_str());
   }
-  if (changes.empty()) std::printf("no change of the map fits (the newest %d are kept)\n", store::kMaxLoggedChanges);
+  if (log.changes.empty()) std::printf("no change of the map fits (the newest %d are kept)\n", map::kMaxLoggedChanges);
   return absl::OkStatus();
 }
 
@@ -106,19 +104,21 @@ absl::Status Log(const LogOptions& options) {
 void AddLogCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("log", "What has changed a map, when, by which session; the newest first");
   auto options = std::make_shared<LogOptions>();
-  verb->add_option("MAP", options->map, "Map file (.cairn)")->required();
+  verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("--session", options->session, "Only the changes that this session made");
   verb->add_option("--from", options->from, "Only those that led to this revision, and later ones");
   verb->add_option("--count", options->count, "At most so many")
-      ->check(CLI::Range(1, store::kMaxLoggedChanges))
+      ->check(CLI::Range(1, map::kMaxLoggedChanges))
       ->capture_default_str();
   verb->add_flag("--json", options->json, "Answer in JSON");
-  verb->footer(absl::StrCat("The newest ", store::kMaxLoggedChanges,
+  verb->footer(absl::StrCat("The newest ", map::kMaxLoggedChanges,
                             " changes of a map are kept.\n"
                             "Examples:\n"
                             "  cairn log office.cairn\n"
-                            "  cairn log office.cairn --session 2 --from 120"));
-  verb->callback([=] {
+                            "  cairn log office.cairn --session 2 --from 120\n"
+                            "  cairn --server localhost:7878 log office --count 20"));
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
     *action = [=] {
       const absl::Status status = Log(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("log", status, options->json);

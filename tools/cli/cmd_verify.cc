@@ -3,18 +3,20 @@
 #include <iostream>
 
 #include "cli/cli.h"
-#include "health/verify_map.h"
+#include "cli/server_option.h"
+#include "host/inspect.h"
 
 namespace cairn::cli {
 namespace {
 
 struct VerifyOptions {
   std::string map;
+  std::string server;
   bool deep = false;
   bool json = false;
 };
 
-nlohmann::ordered_json AsJson(const health::VerifyReport& report, const VerifyOptions& options) {
+nlohmann::ordered_json AsJson(const api::MapVerification& report, const VerifyOptions& options) {
   nlohmann::ordered_json json = {{"map", options.map}, {"good", report.findings.empty()}, {"deep", options.deep}};
   json["revision"] = nullptr;
   if (report.summary) {
@@ -23,22 +25,22 @@ nlohmann::ordered_json AsJson(const health::VerifyReport& report, const VerifyOp
     json["points"] = report.summary->points;
   }
   json["findings"] = nlohmann::ordered_json::array();
-  for (const store::Finding& finding : report.findings) {
+  for (const map::Finding& finding : report.findings) {
     json["findings"].push_back({{"table", finding.table}, {"id", finding.id}, {"message", finding.message}});
   }
   json["notes"] = report.notes;
   return json;
 }
 
-std::string Describe(const store::Finding& finding) {
+std::string Describe(const map::Finding& finding) {
   if (finding.table.empty()) return finding.message;
   if (finding.id == 0) return absl::StrCat(finding.table, ": ", finding.message);
   return absl::StrCat(finding.table, " ", finding.id, ": ", finding.message);
 }
 
-void Print(const health::VerifyReport& report, const VerifyOptions& options) {
+void Print(const api::MapVerification& report, const VerifyOptions& options) {
   for (const std::string& note : report.notes) std::cerr << "cairn verify: " << note << "\n";
-  for (const store::Finding& finding : report.findings) std::printf("%s\n", Describe(finding).c_str());
+  for (const map::Finding& finding : report.findings) std::printf("%s\n", Describe(finding).c_str());
   if (report.findings.empty() && report.summary) {
     std::printf("%s: good. Revision %llu, %lld keyframes, %lld points: structure, checksums and references%s\n",
                 options.map.c_str(), static_cast<unsigned long long>(report.summary->revision),
@@ -52,8 +54,15 @@ void Print(const health::VerifyReport& report, const VerifyOptions& options) {
       options.map.c_str(), report.findings.size(), report.findings.size() == 1 ? "" : "s", options.map.c_str());
 }
 
+absl::StatusOr<api::MapVerification> Check(const VerifyOptions& options) {
+  const api::VerifyDepth depth = options.deep ? api::VerifyDepth::kDeep : api::VerifyDepth::kStored;
+  if (options.server.empty()) return host::VerifyMap(options.map, options.map, depth);
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
+  return service->Verify(options.map, depth);
+}
+
 absl::StatusOr<int> Verify(const VerifyOptions& options) {
-  CAIRN_ASSIGN_OR_RETURN(const health::VerifyReport report, health::VerifyMap(options.map, {.deep = options.deep}));
+  CAIRN_ASSIGN_OR_RETURN(const api::MapVerification report, Check(options));
   if (options.json) {
     PrintJson(AsJson(report, options));
   } else {
@@ -67,7 +76,7 @@ absl::StatusOr<int> Verify(const VerifyOptions& options) {
 void AddVerifyCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("verify", "Check a map: whether everything in it is as it was written");
   auto options = std::make_shared<VerifyOptions>();
-  verb->add_option("MAP", options->map, "Map file (.cairn)")->required();
+  verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_flag("--deep", options->deep, "Check also that the map makes sense: geometry, words, linked components");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
@@ -75,8 +84,10 @@ void AddVerifyCommand(CLI::App& app, Action* action) {
       "Nothing is changed. What is good of a damaged map is saved by 'cairn recover'.\n"
       "Examples:\n"
       "  cairn verify office.cairn\n"
-      "  cairn verify office.cairn --deep --json");
-  verb->callback([=] {
+      "  cairn verify office.cairn --deep --json\n"
+      "  cairn --server localhost:7878 verify office");
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
     *action = [=] {
       const absl::StatusOr<int> code = Verify(*options);
       return code.ok() ? *code : Fail("verify", code.status(), options->json);

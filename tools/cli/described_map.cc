@@ -2,6 +2,8 @@
 
 #include <cstdio>
 
+#include "cli/align_report.h"
+#include "cli/geo_options.h"
 #include "cli/unix_time.h"
 
 namespace cairn::cli {
@@ -19,7 +21,7 @@ nlohmann::ordered_json SummaryAsJson(const api::MapSummary& map) {
           {"cameras", map.cameras},     {"components", map.components},
           {"sessions", map.sessions},   {"format_version", map.format_version},
           {"bytes", map.file_bytes},    {"open", map.open},
-          {"writing", map.writing}};
+          {"writing", map.writing},     {"geo_anchor", AnchorAsJson(map.geo_anchor)}};
 }
 
 nlohmann::ordered_json DescribedMapAsJson(const api::MapDescription& map) {
@@ -64,6 +66,7 @@ void PrintDescribedMap(const api::MapDescription& map) {
               L(static_cast<std::int64_t>(summary.revision)), summary.writing ? ", being extended" : "");
   std::printf("  %lld keyframes, %lld points, %.1f MB, id %s\n", L(summary.keyframes), L(summary.points),
               static_cast<double>(summary.file_bytes) / 1e6, summary.id.c_str());
+  if (summary.geo_anchor) std::printf("  on the earth at %s\n", DescribeAnchor(*summary.geo_anchor).c_str());
   for (const api::ComponentInfo& component : map.components) {
     if (component.joined_into) {
       std::printf("  component %u was joined to %u\n", component.id.value(), component.joined_into.value());

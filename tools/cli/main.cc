@@ -133,6 +133,11 @@ int ParseAndRun(Call* call) {
   AddLsCommand(app, &action);
   AddAlignCommand(app, &action);
   AddLogCommand(app, &action);
+  AddSnapshotCommand(app, &action);
+  AddExportCommand(app, &action);
+  AddDeleteCommand(app, &action);
+  AddRestoreCommand(app, &action);
+  AddTopCommand(app, &action);
   AddVerifyCommand(app, &action);
   AddEvalCommand(app, &action);
   AddBenchCommand(app, &action);

@@ -17,4 +17,13 @@ std::string ServerOf(const CLI::App& app);
 
 absl::StatusOr<std::unique_ptr<client::RemoteMapService>> ConnectTo(const std::string& server);
 
+// The maps of a server, or, without one, those of the directory that holds the file `path` (`name` then is the file's):
+// for verbs that say the same of both.
+struct NamedMap {
+  std::unique_ptr<api::MapService> service;
+  std::string name;
+};
+// InvalidArgument for a file that is not called as a map of a directory is: NAME.cairn.
+absl::StatusOr<NamedMap> FindMap(const std::string& server, const std::string& path);
+
 }  // namespace cairn::cli

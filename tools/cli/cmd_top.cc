@@ -1,0 +1,106 @@
+// cairn top: how a server is doing, again and again.
+#include <unistd.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdio>
+#include <mutex>
+#include <optional>
+
+#include "cli/cli.h"
+#include "cli/interrupt.h"
+#include "cli/server_option.h"
+#include "cli/status_report.h"
+
+namespace cairn::cli {
+namespace {
+
+struct TopOptions {
+  std::string server;
+  double interval_s = 2.0;
+  int count = 0;  // looks; 0: until it is interrupted
+  bool once = false;
+  bool json = false;
+};
+
+// Lets a pause end early.
+class Pause {
+ public:
+  // True if it was ended.
+  bool Wait(double seconds) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return ended_; });
+  }
+  void End() {
+    const std::lock_guard lock(mutex_);
+    ended_ = true;
+    changed_.notify_all();
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool ended_ = false;
+};
+
+void Show(const std::vector<std::string>& lines, bool terminal) {
+  // Home, each line to its end, then what is below: without the flicker of clearing all of it.
+  if (terminal) std::fputs("\x1b[H", stdout);
+  for (const std::string& line : lines) std::printf("%s%s\n", line.c_str(), terminal ? "\x1b[K" : "");
+  std::fputs(terminal ? "\x1b[J" : "\n", stdout);
+  std::fflush(stdout);
+}
+
+absl::StatusOr<int> Top(const TopOptions& options) {
+  InterruptWatch interrupts;
+  Pause pause;
+  const InterruptWatch::Guard guard(&interrupts, [&] { pause.End(); });
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
+  const bool once = options.once || options.json;
+  const bool terminal = !once && isatty(STDOUT_FILENO) != 0;
+  if (terminal) std::fputs("\x1b[2J", stdout);
+  std::optional<api::ServerStatus> before;
+  for (int looks = 1;; ++looks) {
+    CAIRN_ASSIGN_OR_RETURN(const api::ServerStatus now, service->Status());
+    if (before && now.uptime_s < before->uptime_s) before.reset();  // it was started anew
+    const double seconds = before ? now.uptime_s - before->uptime_s : now.uptime_s;
+    const api::ServerStatus* since = before ? &*before : nullptr;
+    if (options.json) {
+      PrintJson(StatusAsJson(options.server, now, since, seconds));
+    } else {
+      Show(StatusLines(options.server, now, since, seconds), terminal);
+    }
+    if (once || looks == options.count || pause.Wait(options.interval_s)) return interrupts.exit_code();
+    before = now;
+  }
+}
+
+}  // namespace
+
+void AddTopCommand(CLI::App& app, Action* action) {
+  CLI::App* verb =
+      app.add_subcommand("top", "How a server is doing: maps, sessions, rates, latencies, misses by stage");
+  auto options = std::make_shared<TopOptions>();
+  verb->add_option("--interval", options->interval_s, "Seconds between two looks")
+      ->check(CLI::Range(0.1, 3600.0))
+      ->capture_default_str();
+  verb->add_option("--count", options->count, "Look so many times; by default until it is interrupted")
+      ->check(CLI::PositiveNumber);
+  verb->add_flag("--once", options->once, "Look once: everything since the server was started");
+  verb->add_flag("--json", options->json, "Look once, and answer in JSON");
+  verb->footer(
+      "Where the output is no terminal, each look is a block of lines with an empty one behind it.\n"
+      "Examples:\n"
+      "  cairn --server localhost:7878 top\n"
+      "  cairn --server localhost:7878 top --once");
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
+    *action = [=] {
+      if (options->server.empty()) return FailUsage("top", "give --server HOST:PORT before the verb", options->json);
+      const absl::StatusOr<int> code = Top(*options);
+      return code.ok() ? *code : Fail("top", code.status(), options->json);
+    };
+  });
+}
+
+}  // namespace cairn::cli
