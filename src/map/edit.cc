@@ -1,39 +1,13 @@
 #include "map/edit.h"
 
 #include <algorithm>
-#include <array>
 #include <utility>
 
-#include "image/hamming.h"
+#include "map/typical_descriptor.h"
 #include "map/viewing.h"
 
 namespace cairn::map {
 namespace {
-
-constexpr std::size_t kMostCompared = 24;
-
-// The one with the least median distance to the others. Beyond kMostCompared an even sample stands for all: the choice
-// is quadratic. Leaves the sample in `descriptors`.
-std::size_t MostTypical(std::vector<image::Descriptor>* descriptors) {
-  const std::size_t step = (descriptors->size() + kMostCompared - 1) / kMostCompared;
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < descriptors->size(); i += step) (*descriptors)[count++] = (*descriptors)[i];
-  if (count == 1) return 0;
-  std::size_t best = 0;
-  int best_median = 257;
-  std::array<std::uint16_t, kMostCompared> distances;
-  for (std::size_t i = 0; i < count; ++i) {
-    image::HammingDistances((*descriptors)[i], descriptors->data(), count, distances.data());
-    distances[i] = distances[count - 1];  // not to itself
-    const auto middle = distances.begin() + (count - 1) / 2;
-    std::nth_element(distances.begin(), middle, distances.begin() + (count - 1));
-    if (*middle < best_median) {
-      best_median = *middle;
-      best = i;
-    }
-  }
-  return best * step;
-}
 
 void InsertSorted(std::vector<KeyframeId>& ids, KeyframeId id) {
   const auto at = std::lower_bound(ids.begin(), ids.end(), id);
@@ -380,7 +354,7 @@ void Edit::Refresh(PointId id, Stale stale, Centers* centers) {
     for (const Observation& observation : changed.observations) {
       descriptors_.push_back(keyframe(observation.keyframe).descriptors()[observation.feature]);
     }
-    changed.reference = changed.observations[MostTypical(&descriptors_)];
+    changed.reference = changed.observations[MostTypicalDescriptor(&descriptors_)];
     changed.descriptor = keyframe(changed.reference.keyframe).descriptors()[changed.reference.feature];
   }
   const auto center = [&](KeyframeId seen_by) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 namespace cairn::store {
 namespace {
@@ -131,11 +132,12 @@ absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::in
   return features;
 }
 
-absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole& camera, int num_levels,
+absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole* camera, int num_levels,
                                 std::optional<std::uint32_t> num_words) {
   // A lens that is corrected moves keypoints beyond the edge of the image, by far less than the image.
-  const auto width = static_cast<float>(camera.width_px);
-  const auto height = static_cast<float>(camera.height_px);
+  const float unknown = std::numeric_limits<float>::max() / 4;
+  const auto width = camera == nullptr ? unknown : static_cast<float>(camera->width_px);
+  const auto height = camera == nullptr ? unknown : static_cast<float>(camera->height_px);
   const auto within = [](float px, float size) { return px >= -size && px <= 2.0f * size; };
   for (const image::Keypoint& keypoint : features.features.keypoints) {
     if (keypoint.octave >= num_levels) return "keypoints: an octave is out of range";

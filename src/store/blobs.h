@@ -39,8 +39,8 @@ absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::in
                                                      Bytes keypoints, Bytes descriptors, Bytes words);
 
 // What is wrong with values that are read by number or cast to one later; empty if nothing. `camera`: of the
-// undistorted image; `num_words`: of the vocabulary, if that is known.
-absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole& camera, int num_levels,
+// undistorted image, null if that is not known; `num_words`: of the vocabulary, if that is known.
+absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole* camera, int num_levels,
                                 std::optional<std::uint32_t> num_words);
 
 // Per feature one varint: 0 for none, else 1 + zigzag(id - id of the last feature that had one).

@@ -190,8 +190,9 @@ absl::Status DeltaReader::ReadFeatures(map::Keyframe* keyframe, const map::Keyfr
   if (put == delta_.cameras.end() && known == base_.cameras().end()) {
     return Damaged(kKeyframesTable, id, "its camera is missing");
   }
-  auto features = FeaturesFromRow(select_features_, put != delta_.cameras.end() ? put->pinhole : known->second.pinhole,
-                                  map_row_.info.orb.num_levels, num_words_);
+  auto features =
+      FeaturesFromRow(select_features_, put != delta_.cameras.end() ? &put->pinhole : &known->second.pinhole,
+                      map_row_.info.orb.num_levels, num_words_);
   select_features_.Reset();
   if (!features.ok()) return Damaged(kFeaturesTable, id, features.status().message());
   keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));

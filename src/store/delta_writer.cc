@@ -159,11 +159,7 @@ absl::Status DeltaWriter::PutUpgraded(const map::Snapshot& map, const std::vecto
   map.points().ForEach([&](const auto& point) {
     if (status.ok()) keep(PutPoint(*point, &map_row));
   });
-  for (const LoggedChange& change : changes) {
-    const Row row = RowOf(change);
-    row.BindWithChecksum(&put_change_);
-    keep(put_change_.Run());
-  }
+  keep(PutHistory(changes));
   CAIRN_RETURN_IF_ERROR(status);
   map_row.info = map.info();
   map_row.info_revision = revision_;
@@ -172,6 +168,15 @@ absl::Status DeltaWriter::PutUpgraded(const map::Snapshot& map, const std::vecto
   map_row.next_component = map.next_component();
   map_row.oldest_delta_base = revision_;
   return PutMapRow(map_row);
+}
+
+absl::Status DeltaWriter::PutHistory(const std::vector<LoggedChange>& changes) {
+  for (const LoggedChange& change : changes) {
+    const Row row = RowOf(change);
+    row.BindWithChecksum(&put_change_);
+    CAIRN_RETURN_IF_ERROR(put_change_.Run());
+  }
+  return absl::OkStatus();
 }
 
 absl::Status DeltaWriter::BeginLog() { return SetToken(NewLogToken()); }

@@ -26,6 +26,9 @@ class DeltaWriter {
   // caller's.
   absl::Status PutUpgraded(const map::Snapshot& map, const std::vector<LoggedChange>& changes, MapRow map_row);
 
+  // Puts changes of the past into the log of changes.
+  absl::Status PutHistory(const std::vector<LoggedChange>& changes);
+
   // From now on changes carry a token of their own, so that the log that holds them is known (write_ahead_log.h).
   absl::Status BeginLog();
   // Likewise, with a token that depends on the content alone.

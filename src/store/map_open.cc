@@ -14,6 +14,7 @@
 #include "store/fault.h"
 #include "store/file_paths.h"
 #include "store/migrations.h"
+#include "store/sqlite_record.h"
 #include "store/write_ahead_log.h"
 #include "store/writer_lock.h"
 
@@ -64,11 +65,9 @@ absl::Status WrongHeader(std::int64_t format, absl::string_view what) {
 
 absl::Status CheckIdentity(Database* database) {
   constexpr absl::string_view kMagic("SQLite format 3\0", 16);
-  constexpr std::size_t kApplicationIdAt = 68;
   CAIRN_ASSIGN_OR_RETURN(const auto header, database->ReadHeader());
   const bool is_sqlite = std::memcmp(header.data(), kMagic.data(), kMagic.size()) == 0;
-  std::int64_t application_id = 0;
-  for (std::size_t i = 0; i < 4; ++i) application_id = application_id * 256 + header[kApplicationIdAt + i];
+  const std::int64_t application_id = BigEndian32(header.data() + kApplicationIdAt);
   if (!is_sqlite) {
     if (application_id == kApplicationId)
       return MakeFault(Fault::kDamaged, "the file is damaged: its first bytes are wrong");
@@ -252,7 +251,7 @@ absl::Status CopyDatabase(Database* database, const std::string& path) {
   return copied;
 }
 
-absl::Status WriteMapAt(const std::string& fresh, const map::MapInfo& info, absl::string_view vocabulary) {
+absl::Status WriteMapAt(const std::string& fresh, const MapRow& row, absl::string_view vocabulary) {
   // Only one process comes here for a path: the caller holds the writer's lock.
   unlink(fresh.c_str());
   RemoveCompanions(fresh);
@@ -263,8 +262,6 @@ absl::Status WriteMapAt(const std::string& fresh, const map::MapInfo& info, absl
     {
       CAIRN_ASSIGN_OR_RETURN(auto writer, DeltaWriter::Prepare(database.get()));
       CAIRN_ASSIGN_OR_RETURN(Transaction transaction, Transaction::Begin(database.get(), Transaction::Kind::kWrite));
-      MapRow row;
-      row.info = info;
       CAIRN_RETURN_IF_ERROR(writer->PutMapRow(row));
       if (!vocabulary.empty()) CAIRN_RETURN_IF_ERROR(WriteVocabulary(database.get(), vocabulary));
       CAIRN_RETURN_IF_ERROR(transaction.Commit());
@@ -281,7 +278,9 @@ absl::Status WriteMapAt(const std::string& fresh, const map::MapInfo& info, absl
 
 absl::Status WriteNewMap(const std::string& path, const map::MapInfo& info, absl::string_view vocabulary) {
   const std::string fresh = absl::StrCat(path, kNewSuffix);
-  CAIRN_RETURN_IF_ERROR(WriteMapAt(fresh, info, vocabulary));
+  MapRow row;
+  row.info = info;
+  CAIRN_RETURN_IF_ERROR(WriteMapAt(fresh, row, vocabulary));
   const absl::Status placed = PutInPlace(fresh, path);
   if (!placed.ok()) unlink(fresh.c_str());
   return placed;

@@ -43,8 +43,8 @@ absl::Status CheckOneName(const std::string& path);
 // A copy of the database as it is now, at a path where there is nothing. A failure leaves nothing there.
 absl::Status CopyDatabase(Database* database, const std::string& path);
 
-// Writes a whole new map file at `fresh`. A failure leaves nothing there.
-absl::Status WriteMapAt(const std::string& fresh, const map::MapInfo& info, absl::string_view vocabulary);
+// Writes a whole new map file at `fresh`, without keyframes. A failure leaves nothing there.
+absl::Status WriteMapAt(const std::string& fresh, const MapRow& row, absl::string_view vocabulary);
 // Likewise beside `path`, and puts it there, in place of a file that may be there, in one step.
 absl::Status WriteNewMap(const std::string& path, const map::MapInfo& info, absl::string_view vocabulary);
 // Puts the map file at `fresh`, which nobody has open, in the place of the one at `path`, in one step.

@@ -253,7 +253,7 @@ class OverviewReader {
     }
     const auto camera = std::ranges::find(overview_.cameras, keyframe.camera, &map::MapCamera::id);
     if (camera == overview_.cameras.end()) return DamagedBy({"keyframes", id, "its camera is missing"});
-    const auto read = FeaturesFromRow(*features, camera->pinhole, overview_.summary.info.orb.num_levels, std::nullopt);
+    const auto read = FeaturesFromRow(*features, &camera->pinhole, overview_.summary.info.orb.num_levels, std::nullopt);
     if (!read.ok()) return DamagedBy({"keyframe_features", id, std::string(read.status().message())});
     const auto ids = PointIdsFromRow(*links, read->features.size());
     if (!ids.ok()) return DamagedBy({"keyframe_points", id, std::string(ids.status().message())});

@@ -1,35 +1,30 @@
 // Reads the tables of a map file back, checking everything on the way.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
 
 #include "base/status.h"
 #include "map/snapshot.h"
+#include "store/map_assembly.h"
 #include "store/map_store.h"
 #include "store/sqlite.h"
 #include "store/tables.h"
 
 namespace cairn::store {
 
-// Told of everything wrong. An error that it returns ends the reading; with OK the row at fault is left out.
-using FindingSink = std::function<absl::Status(const Finding&)>;
-
 // The finding as an error of fault kDamaged.
 absl::Status DamagedBy(const Finding& finding);
 
-// The features of the current row of table `keyframe_features`, of a keyframe of `camera`. DataLoss (without a fault)
-// that says what is wrong: a checksum, or values that are read by number or cast to one later.
-absl::StatusOr<map::KeyframeFeatures> FeaturesFromRow(const Statement& row, const Pinhole& camera, int num_levels,
+// The features of the current row of table `keyframe_features`, of a keyframe of `camera` (null: not known). DataLoss
+// (without a fault) that says what is wrong: a checksum, or values that are read by number or cast to one later.
+absl::StatusOr<map::KeyframeFeatures> FeaturesFromRow(const Statement& row, const Pinhole* camera, int num_levels,
                                                       std::optional<std::uint32_t> num_words);
 // Likewise the points of the current row of table `keyframe_points`.
 absl::StatusOr<std::vector<PointId>> PointIdsFromRow(const Statement& row, std::size_t num_features);
 // Those rows of table `changes` that are selected, in that order.
 absl::StatusOr<std::vector<LoggedChange>> ReadLog(Statement rows);
-// The neighbours of a keyframe in their order.
-void SortCovisible(map::Keyframe* keyframe);
 // How many words the vocabulary in the file has; none if that is not known.
 absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords(Database* database);
 
@@ -51,10 +46,12 @@ class MapReader {
   // Puts together what was read. Only if nothing was found wrong so far.
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> Assemble();
 
-  const MapRow& map_row() const { return map_row_; }
+  const MapRow& map_row() const { return rows_.map_row; }
   // After ReadDescription(): no keyframes and points are in it.
-  const map::Delta& content() const { return content_; }
-  std::int64_t format() const { return format_; }
+  const map::Delta& content() const { return rows_.content; }
+  std::int64_t format() const { return rows_.format; }
+  // What was read, instead of Assemble().
+  MapRows TakeRows() { return std::move(rows_); }
 
  private:
   absl::Status Report(absl::string_view table, std::int64_t id, absl::string_view message);
@@ -72,21 +69,10 @@ class MapReader {
   absl::Status ReadFeatures();
   absl::Status ReadPointIds();
   absl::Status CheckCounts();
-  absl::Status CheckTree();
-  map::Keyframe* FindKeyframe(std::int64_t id);
-  absl::Status LinkKeyframes();
-  absl::Status LinkPoints();
-  // What a map of an older format has none of: components, next ids.
-  void SetWhatFormat4Added();
 
   Database* database_;
   FindingSink sink_;
-  std::int64_t format_ = 0;
-  MapRow map_row_;
-  map::Delta content_;                                     // but for keyframes and points:
-  std::vector<std::shared_ptr<map::Keyframe>> keyframes_;  // ascending
-  std::vector<PointRow> points_;                           // ascending
-  std::vector<EdgeRow> edges_;
+  MapRows rows_;
 };
 
 }  // namespace cairn::store

@@ -74,7 +74,7 @@ std::int64_t Row::Checksum() const {
   return static_cast<std::int32_t>(static_cast<std::uint32_t>(XXH64(encoded.data(), encoded.size(), 0)));
 }
 
-void Row::BindWithChecksum(Statement* statement) const {
+void Row::Bind(Statement* statement) const {
   int parameter = 0;
   for (const Cell& cell : cells_) {
     ++parameter;
@@ -97,7 +97,11 @@ void Row::BindWithChecksum(Statement* statement) const {
         break;
     }
   }
-  statement->Bind(parameter + 1, Checksum());
+}
+
+void Row::BindWithChecksum(Statement* statement) const {
+  Bind(statement);
+  statement->Bind(static_cast<int>(cells_.size()) + 1, Checksum());
 }
 
 bool Row::SameAs(const Row& other) const {

@@ -39,6 +39,8 @@ class Row {
 
   // Binds the cells from parameter 1 on, and their checksum after them.
   void BindWithChecksum(Statement* statement) const;
+  // The cells alone.
+  void Bind(Statement* statement) const;
 
   // Equal to the bit: 0.0 and -0.0 differ, as do 1 and 1.0.
   bool SameAs(const Row& other) const;

@@ -69,7 +69,9 @@ absl::Status NewSqliteMap::MakeFile() {
     RemoveCompanions(at);
   };
   if (replaces_) {
-    CAIRN_RETURN_IF_ERROR(WriteMapAt(fresh, current_->info(), options_.vocabulary));
+    MapRow row;
+    row.info = current_->info();
+    CAIRN_RETURN_IF_ERROR(WriteMapAt(fresh, row, options_.vocabulary));
   } else {
     CAIRN_RETURN_IF_ERROR(WriteNewMap(resolved_, current_->info(), options_.vocabulary));
   }

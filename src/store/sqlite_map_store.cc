@@ -81,6 +81,7 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenLocked(const
                                                                            std::unique_ptr<WriterLock> lock,
                                                                            const WriteOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckLog(resolved));
+  const std::string log_damage = KeepDamagedLog(resolved);
   CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
   CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(resolved, Database::Mode::kReadWrite));
   CAIRN_RETURN_IF_ERROR(CheckIdentity(database.get()));
@@ -92,6 +93,7 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenLocked(const
   store->lock_ = std::move(lock);
   store->options_ = options;
   store->notes_ = std::move(notes);
+  store->NoteLogDamage(log_damage);
   CAIRN_ASSIGN_OR_RETURN(store->writer_, DeltaWriter::Prepare(store->database_.get()));
   CAIRN_RETURN_IF_ERROR(store->writer_->BeginLog());
   // The token must be in the file before the first change is in the log.
@@ -109,10 +111,12 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(con
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(path));
     CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
     std::string immutable_stamp;
+    const std::string log_damage = WriterLock::IsHeld(resolved) ? "" : KeepDamagedLog(resolved);
     CAIRN_ASSIGN_OR_RETURN(auto database, OpenForReading(resolved, &immutable_stamp));
     CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
     std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
     store->immutable_stamp_ = immutable_stamp;
+    store->NoteLogDamage(log_damage);
     MapReader reader(store->database_.get(), DamagedBy);
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
     store->NoteLeftovers();
@@ -120,6 +124,11 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(con
   }();
   if (!opened.ok()) return Annotate(opened.status(), absl::StrCat("opening map ", path));
   return opened;
+}
+
+void SqliteMapStore::NoteLogDamage(const std::string& damage) {
+  log_damage_ = damage;
+  if (!damage.empty()) notes_.push_back(damage);
 }
 
 void SqliteMapStore::NoteLeftovers() {

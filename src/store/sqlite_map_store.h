@@ -73,6 +73,7 @@ class SqliteMapStore : public MapStore {
   std::string RescuedPath() const;
   absl::Status CloseWriting();
   void NoteLeftovers();
+  void NoteLogDamage(const std::string& damage);
 
   std::string path_;      // as the caller named it
   std::string resolved_;  // as locks and SQLite know it
@@ -86,6 +87,7 @@ class SqliteMapStore : public MapStore {
   std::string previous_log_token_;
   FileIdentity log_identity_;    // of a writer
   std::string immutable_stamp_;  // not empty: opened on the promise that nobody writes; this tells whether that held
+  std::string log_damage_;       // write_ahead_log.h, DamageOfLog
   std::vector<std::string> notes_;
 };
 

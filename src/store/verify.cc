@@ -85,6 +85,7 @@ absl::StatusOr<std::vector<Finding>> SqliteMapStore::Verify() {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));
     CAIRN_ASSIGN_OR_RETURN(auto findings, Verification(database_.get()).Run());
+    if (!log_damage_.empty()) findings.push_back({"", 0, log_damage_});
     CAIRN_RETURN_IF_ERROR(CheckUnchanged());
     return findings;
   }();

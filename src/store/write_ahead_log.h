@@ -36,4 +36,11 @@ absl::StatusOr<std::optional<MapState>> ReadMapState(Database* database);
 // Nothing is changed.
 absl::Status CheckLog(const std::string& path);
 
+// What SQLite will pass over in the log of the map at `path`, for a user: changes that came to their end, behind bytes
+// that are not as they were written. Empty if there is nothing of that kind. Of a change that is the last one it cannot
+// be known whether it was ever acknowledged.
+std::string DamageOfLog(const std::string& path);
+// The same before the map is opened, by which SQLite may do away with the log: a copy is kept beside it.
+std::string KeepDamagedLog(const std::string& path);
+
 }  // namespace cairn::store

@@ -17,6 +17,7 @@ namespace cairn::store {
 namespace {
 
 using testing::Bits;
+using ::testing::Contains;
 using ::testing::ElementsAre;
 using testing::ExitCode;
 using ::testing::HasSubstr;
@@ -25,6 +26,7 @@ using ::testing::IsEmpty;
 using testing::LoadMap;
 using testing::MakeMap;
 using testing::MapGrower;
+using ::testing::Not;
 using testing::ReadBytes;
 using testing::SameBits;
 using testing::SnapshotPtr;
@@ -207,6 +209,58 @@ TEST(WriteAheadLog, ForeignJournalIsRefused) {
   WriteBytes(path + "-journal", "anything");
   EXPECT_EQ(FaultOf(SqliteMapStore::OpenReadOnly(path).status()), Fault::kForeignLog);
   EXPECT_EQ(FaultOf(SqliteMapStore::Open(path).status()), Fault::kForeignLog);
+}
+
+// A bit in the middle of the log: SQLite would go on from before it without a word.
+TEST(WriteAheadLog, DamageIsTold) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn"), log = path + "-wal";
+  MakeMap(path, 4, 6);
+  const Revision acknowledged = ExtendAndBeKilled(path, 5, 12);
+  const std::string file = ReadBytes(path), good = ReadBytes(log);
+  Random random(6);
+  int told = 0;
+  for (int trial = 0; trial < 60; ++trial) {
+    std::string damaged = good;
+    const std::size_t at = trial < 20 ? random.Below(56) : random.Below(good.size());
+    damaged[at] = static_cast<char>(static_cast<unsigned>(damaged[at]) ^ 1u << random.Below(8));
+    WriteBytes(path, file);
+    WriteBytes(log, damaged);
+    auto store = SqliteMapStore::OpenReadOnly(path);
+    ASSERT_TRUE(store.ok()) << at << store.status();
+    const Revision revision = *(*store)->ReadRevision();
+    if (revision < acknowledged) {
+      ASSERT_THAT((*store)->notes(), Contains(HasSubstr(log))) << at;
+      EXPECT_THAT(*(*store)->Verify(), Not(IsEmpty()));
+      EXPECT_EQ(ReadBytes(log + ".damaged"), damaged);
+      ++told;
+    } else {
+      EXPECT_THAT((*store)->notes(), IsEmpty()) << at;
+    }
+    store->reset();
+    for (const char* suffix : {"-wal", "-shm", "-wal.damaged"}) unlink((path + suffix).c_str());
+  }
+  EXPECT_GT(told, 20);
+}
+
+// What a power failure leaves is no damage: of a change that nobody was told of, some pages are there.
+TEST(WriteAheadLog, ALastChangeThatWasCutOffIsNoDamage) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn"), log = path + "-wal";
+  MakeMap(path, 4, 6);
+  ExtendAndBeKilled(path, 5);
+  const std::string file = ReadBytes(path), good = ReadBytes(log);
+  constexpr std::size_t kFrameBytes = 24 + 4096;
+  for (std::size_t cut = 1; cut < 6; ++cut) {
+    WriteBytes(path, file);
+    WriteBytes(log, good.substr(0, 32 + (good.size() - 32) / kFrameBytes * kFrameBytes - cut * kFrameBytes / 2));
+    auto store = SqliteMapStore::OpenReadOnly(path);
+    ASSERT_TRUE(store.ok()) << store.status();
+    EXPECT_THAT((*store)->notes(), IsEmpty());
+    EXPECT_THAT(*(*store)->Verify(), IsEmpty());
+    store->reset();
+    for (const char* suffix : {"-wal", "-shm"}) unlink((path + suffix).c_str());
+  }
 }
 
 TEST(WriteAheadLog, RandomBytesAreNoLog) {

@@ -33,6 +33,7 @@ void AddDeleteCommand(CLI::App& app, Action* action);
 void AddRestoreCommand(CLI::App& app, Action* action);
 void AddTopCommand(CLI::App& app, Action* action);
 void AddVerifyCommand(CLI::App& app, Action* action);
+void AddRecoverCommand(CLI::App& app, Action* action);
 void AddEvalCommand(CLI::App& app, Action* action);
 void AddBenchCommand(CLI::App& app, Action* action);
 void AddVocabCommand(CLI::App& app, Action* action);

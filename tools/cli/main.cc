@@ -139,6 +139,7 @@ int ParseAndRun(Call* call) {
   AddRestoreCommand(app, &action);
   AddTopCommand(app, &action);
   AddVerifyCommand(app, &action);
+  AddRecoverCommand(app, &action);
   AddEvalCommand(app, &action);
   AddBenchCommand(app, &action);
   AddVocabCommand(app, &action);

@@ -1,0 +1,173 @@
+#include "store/map_assembly.h"
+
+#include <algorithm>
+#include <unordered_map>
+#include <utility>
+
+#include "map/component_assignment.h"
+#include "map/viewing.h"
+
+namespace cairn::store {
+
+map::Keyframe* MapRows::FindKeyframe(std::int64_t id) {
+  const auto at = std::lower_bound(keyframes.begin(), keyframes.end(), id, [](const auto& keyframe, std::int64_t key) {
+    return static_cast<std::int64_t>(keyframe->id.value()) < key;
+  });
+  if (at == keyframes.end() || static_cast<std::int64_t>((*at)->id.value()) != id) return nullptr;
+  return at->get();
+}
+
+void SortCovisible(map::Keyframe* keyframe) {
+  std::sort(keyframe->covisible.begin(), keyframe->covisible.end(), [](const auto& a, const auto& b) {
+    return a.shared_points != b.shared_points ? a.shared_points > b.shared_points : a.keyframe < b.keyframe;
+  });
+}
+
+namespace {
+
+class Assembly {
+ public:
+  Assembly(MapRows rows, const FindingSink& sink) : rows_(std::move(rows)), sink_(sink) {}
+
+  absl::StatusOr<map::Delta> Run();
+
+ private:
+  absl::Status Report(absl::string_view table, std::int64_t id, absl::string_view message) {
+    return sink_(Finding{std::string(table), id, std::string(message)});
+  }
+  absl::Status LinkKeyframes();
+  absl::Status CheckTree();
+  absl::Status LinkPoints();
+  // What a map of an older format has none of: components, next ids.
+  void SetWhatFormat4Added();
+
+  MapRows rows_;
+  const FindingSink& sink_;
+};
+
+absl::Status Assembly::LinkKeyframes() {
+  for (const EdgeRow& edge : rows_.edges) {
+    map::Keyframe* a = rows_.FindKeyframe(edge.a.value());
+    map::Keyframe* b = rows_.FindKeyframe(edge.b.value());
+    if (a == nullptr || b == nullptr) {
+      return Report("covisibility", edge.a.value(),
+                    absl::StrCat("a keyframe of ", edge.a.value(), " - ", edge.b.value(), " is missing"));
+    }
+    a->covisible.push_back({edge.b, edge.shared_points});
+    b->covisible.push_back({edge.a, edge.shared_points});
+  }
+  for (const auto& keyframe : rows_.keyframes) {
+    SortCovisible(keyframe.get());
+    if (!keyframe->parent) continue;
+    map::Keyframe* parent = rows_.FindKeyframe(keyframe->parent.value());
+    if (parent == nullptr) return Report("keyframes", keyframe->id.value(), "the parent is missing");
+    parent->children.push_back(keyframe->id);
+  }
+  return CheckTree();
+}
+
+absl::Status Assembly::CheckTree() {
+  // Whatever cannot be reached from a root downwards is on, or below, a circle of parents.
+  std::vector<const map::Keyframe*> reached;
+  for (const auto& keyframe : rows_.keyframes) {
+    if (!keyframe->parent) reached.push_back(keyframe.get());
+  }
+  for (std::size_t i = 0; i < reached.size(); ++i) {
+    for (const KeyframeId child : reached[i]->children) reached.push_back(rows_.FindKeyframe(child.value()));
+  }
+  if (reached.size() == rows_.keyframes.size()) return absl::OkStatus();
+  return Report("keyframes", 0, "the parents of some keyframes form a circle");
+}
+
+absl::Status Assembly::LinkPoints() {
+  std::unordered_map<PointId, std::shared_ptr<map::MapPoint>> points;
+  points.reserve(rows_.points.size());
+  std::vector<std::shared_ptr<map::MapPoint>> in_order;
+  in_order.reserve(rows_.points.size());
+  for (const PointRow& row : rows_.points) {
+    auto point = std::make_shared<map::MapPoint>();
+    point->id = row.id;
+    point->position = row.position;
+    point->times_visible = row.times_visible;
+    point->times_found = row.times_found;
+    points.emplace(row.id, point);
+    in_order.push_back(std::move(point));
+  }
+  std::unordered_map<KeyframeId, Vector3d> center_of;
+  for (const auto& keyframe : rows_.keyframes) {
+    center_of.emplace(keyframe->id, keyframe->CenterInMap());
+    for (std::uint32_t i = 0; i < keyframe->points.size(); ++i) {
+      if (!keyframe->points[i]) continue;
+      const auto found = points.find(keyframe->points[i]);
+      if (found == points.end()) {
+        return Report("keyframe_points", keyframe->id.value(),
+                      absl::StrCat("point ", keyframe->points[i].value(), " is missing"));
+      }
+      auto& observations = found->second->observations;
+      if (!observations.empty() && observations.back().keyframe == keyframe->id) {
+        return Report("keyframe_points", keyframe->id.value(),
+                      absl::StrCat("point ", keyframe->points[i].value(), " is there twice"));
+      }
+      observations.push_back({keyframe->id, i});
+    }
+  }
+  std::unordered_map<CameraId, double> focal_px;
+  for (const map::MapCamera& camera : rows_.content.cameras) focal_px.emplace(camera.id, camera.pinhole.fx_px);
+  std::vector<Vector3d> centers;
+  for (std::size_t i = 0; i < in_order.size(); ++i) {
+    map::MapPoint& point = *in_order[i];
+    centers.clear();
+    bool has_reference = false;
+    for (const map::Observation& observation : point.observations) {
+      centers.push_back(center_of.at(observation.keyframe));
+      if (observation.keyframe != rows_.points[i].reference_keyframe) continue;
+      point.reference = observation;
+      has_reference = true;
+    }
+    if (!has_reference) return Report("points", point.id.value(), "the reference keyframe does not observe the point");
+    const map::Keyframe& reference = *rows_.FindKeyframe(point.reference.keyframe.value());
+    point.descriptor = reference.descriptors()[point.reference.feature];
+    map::SetViewing(map::ComputeViewing(point.position, centers, center_of.at(reference.id),
+                                        reference.keypoints()[point.reference.feature].octave,
+                                        focal_px.at(reference.camera), rows_.map_row.info.orb),
+                    &point);
+  }
+  rows_.content.points.assign(in_order.begin(), in_order.end());
+  return absl::OkStatus();
+}
+
+void Assembly::SetWhatFormat4Added() {
+  const auto next = [](const auto& entities, auto first) {
+    for (const auto& entity : entities) first = std::max(first, decltype(first)(entity.id.value() + 1));
+    return first;
+  };
+  rows_.content.next_camera = next(rows_.content.cameras, CameraId(1));
+  rows_.content.next_session = next(rows_.content.sessions, SessionId(1));
+  if (rows_.map_row.revision == 0) return;
+  rows_.content.components =
+      map::AssignComponents(rows_.map_row.world_from_map, rows_.keyframes, &rows_.content.sessions);
+  rows_.content.next_component = next(rows_.content.components, ComponentId(1));
+}
+
+absl::StatusOr<map::Delta> Assembly::Run() {
+  CAIRN_RETURN_IF_ERROR(LinkKeyframes());
+  map::Delta& content = rows_.content;
+  content.next_camera = rows_.map_row.next_camera;
+  content.next_session = rows_.map_row.next_session;
+  content.next_component = rows_.map_row.next_component;
+  if (rows_.format < 4) SetWhatFormat4Added();
+  CAIRN_RETURN_IF_ERROR(LinkPoints());
+  content.keyframes.assign(rows_.keyframes.begin(), rows_.keyframes.end());
+  content.next_keyframe = rows_.map_row.next_keyframe;
+  content.next_point = rows_.map_row.next_point;
+  if (rows_.map_row.revision > 0) content.base = rows_.map_row.revision - 1;
+  return std::move(content);
+}
+
+}  // namespace
+
+absl::StatusOr<map::Delta> AssembleMap(MapRows rows, const FindingSink& sink) {
+  return Assembly(std::move(rows), sink).Run();
+}
+
+}  // namespace cairn::store
