@@ -270,6 +270,12 @@ SESSION_CHECKS = [
     ('a session that extends a map, killed: damaged files', '', '<=', 0, '', lambda w: w.kills()['damaged']),
     ('  acknowledged revisions lost', '', '<=', 0, '', lambda w: w.kills()['lost']),
     ('  files that could not be extended afterwards', '', '<=', 0, '', lambda w: w.kills()['stuck']),
+    ('a map with a flipped bit: changed, and not found by verify --deep', '', '<=', 0, '', lambda w: w.flips()['missed']),
+    ('  verbs that crashed, or gave no reason', '', '<=', 0, '', lambda w: w.flips()['crashes']),
+    ('  keyframes that recover saves', '%', '>=', 95, '', lambda w: 100 * w.flips()['kept']),
+    ('a map cut off, or with random bytes: changed, and not found', '', '<=', 0, '', lambda w: w.cuts()['missed']),
+    ('  verbs that crashed, or gave no reason', '', '<=', 0, '', lambda w: w.cuts()['crashes']),
+    ('  keyframes that recover saves', '%', '>=', None, '', lambda w: 100 * w.cuts()['kept']),
 ]
 
 # Through a cairnd, in a rendered office.

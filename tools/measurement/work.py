@@ -64,6 +64,7 @@ class Work:
     def __init__(self, options, folder):
         self.folder, self.runs, self.seeds, self.cache = pathlib.Path(folder), options.runs, options.seeds, {}
         self.kills_wanted = options.kills
+        self.damages_wanted = options.damages
         self.minutes, self.daemon_kills_wanted = options.minutes, options.daemon_kills
         self.worlds = pathlib.Path(options.worlds or folder)
         self.worlds.mkdir(parents=True, exist_ok=True)
