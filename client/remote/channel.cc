@@ -1,9 +1,15 @@
 #include "client/remote/channel.h"
 
+#include <grpcpp/support/client_interceptor.h>
+
 #include <algorithm>
 #include <chrono>
 #include <random>
+#include <utility>
+#include <vector>
 
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_format.h"
 #include "wire/errors.h"
 
@@ -29,6 +35,54 @@ std::string ServiceConfig(int attempts) {
       attempts);
 }
 
+// Puts the token into every call, so that no call can forget it.
+class TokenSender final : public grpc::experimental::Interceptor {
+ public:
+  explicit TokenSender(const std::string* authorization) : authorization_(*authorization) {}
+  void Intercept(grpc::experimental::InterceptorBatchMethods* call) override {
+    if (call->QueryInterceptionHookPoint(grpc::experimental::InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
+      call->GetSendInitialMetadata()->insert({"authorization", authorization_});
+    }
+    call->Proceed();
+  }
+
+ private:
+  const std::string& authorization_;
+};
+
+class TokenSenders final : public grpc::experimental::ClientInterceptorFactoryInterface {
+ public:
+  explicit TokenSenders(const std::string& token) : authorization_(absl::StrCat("Bearer ", token)) {}
+  grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo* /*call*/) override {
+    return new TokenSender(&authorization_);
+  }
+
+ private:
+  const std::string authorization_;
+};
+
+// gRPC checks the name of the server, and speaks TLS 1.2 and 1.3 only.
+std::shared_ptr<grpc::ChannelCredentials> CredentialsOf(const RemoteOptions& options) {
+  if (!options.tls || absl::StartsWith(options.server, "unix:")) return grpc::InsecureChannelCredentials();
+  return grpc::SslCredentials({options.tls->ca_pem, options.tls->key_pem, options.tls->certificate_pem});
+}
+
+// What the connection says of why it is none, with what to do.
+std::string HintFor(const std::string& said) {
+  const std::string message = absl::AsciiStrToLower(said);
+  if (absl::StrContains(message, "peer name")) {
+    return "its certificate is for another name: name the server as its certificate does";
+  }
+  if (absl::StrContains(message, "certificate") || absl::StrContains(message, "handshake")) {
+    return "TLS failed: is its certificate of the CA given by --ca, does it ask for one of yours (--cert, --key), does "
+           "it speak TLS at all?";
+  }
+  if (absl::StrContains(message, "socket closed") || absl::StrContains(message, "reset")) {
+    return "is cairnd running there, and does it speak TLS (--ca, --tls)?";
+  }
+  return "is cairnd running there?";
+}
+
 }  // namespace
 
 std::shared_ptr<grpc::Channel> NewChannel(const RemoteOptions& options) {
@@ -43,7 +97,10 @@ std::shared_ptr<grpc::Channel> NewChannel(const RemoteOptions& options) {
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
-  return grpc::CreateCustomChannel(options.server, grpc::InsecureChannelCredentials(), arguments);
+  std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> senders;
+  if (!options.token.empty()) senders.push_back(std::make_unique<TokenSenders>(options.token));
+  return grpc::experimental::CreateCustomChannelWithInterceptors(options.server, CredentialsOf(options), arguments,
+                                                                 std::move(senders));
 }
 
 void SetDeadline(double deadline_s, grpc::ClientContext* context) {
@@ -63,7 +120,7 @@ absl::Status FromGrpc(const grpc::Status& status, const std::string& server) {
   // What the server has to say of an error comes with details; what comes without is the connection's.
   if (status.error_code() == grpc::StatusCode::UNAVAILABLE && status.error_details().empty()) {
     return absl::UnavailableError(
-        absl::StrCat("no answer from ", server, " (", status.error_message(), "): is cairnd running there?"));
+        absl::StrCat("no answer from ", server, " (", status.error_message(), "): ", HintFor(status.error_message())));
   }
   if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED && status.error_details().empty()) {
     return absl::DeadlineExceededError(absl::StrCat(server, " did not answer in time"));

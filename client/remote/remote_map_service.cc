@@ -1,7 +1,9 @@
 #include "client/remote/remote_map_service.h"
 
+#include <algorithm>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "base/guarded.h"
 #include "client/local_tracker.h"
 #include "client/query_image.h"
@@ -10,6 +12,7 @@
 #include "client/remote/served_tracker.h"
 #include "client/remote/stubs.h"
 #include "client/view_feed.h"
+#include "wire/addresses.h"
 #include "wire/convert.h"
 
 namespace cairn::client {
@@ -20,6 +23,15 @@ absl::Status RemoteOptions::Validate() const {
   if (!(long_deadline_s > 0.0)) return absl::InvalidArgumentError("server: long_deadline_s must be positive");
   if (!(outage_s >= 0.0)) return absl::InvalidArgumentError("server: outage_s must not be negative");
   if (attempts < 1 || attempts > 5) return absl::InvalidArgumentError("server: attempts must be 1 to 5");
+  if (!std::ranges::all_of(token, [](unsigned char c) { return absl::ascii_isgraph(c); })) {
+    return absl::InvalidArgumentError("server: a token is one word of ASCII");
+  }
+  if (!token.empty() && !tls && !token_in_clear && !wire::IsLoopback(server)) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("the token is not sent to ", server,
+                     " without TLS, as whoever listens on the way would have it: give --ca FILE or --tls, or say "
+                     "--token-in-clear"));
+  }
   return tracker.Validate();
 }
 

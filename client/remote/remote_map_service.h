@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include "api/server_status.h"
 #include "base/status.h"
 #include "client/local_tracker_options.h"
+#include "client/remote/client_tls.h"
 
 namespace cairn::client {
 
@@ -32,6 +34,11 @@ struct RemoteOptions {
   double outage_s = 30.0;
   TrackAt track_at = TrackAt::kClient;
   LocalTrackerOptions tracker;  // of those at the client
+
+  // Sent with every call; empty: none. Without TLS it goes to this machine only, unless `token_in_clear`.
+  std::string token;
+  bool token_in_clear = false;
+  std::optional<ClientTls> tls;  // none: not encrypted. A Unix socket never is
 
   absl::Status Validate() const;
 };

@@ -9,7 +9,7 @@
 #include "absl/strings/match.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
-#include "server/daemon/addresses.h"
+#include "wire/addresses.h"
 
 namespace cairn::server {
 namespace {
@@ -21,7 +21,7 @@ std::string Bound(const std::string& address, int port) {
 }
 
 absl::Status CheckProtected(const DaemonOptions& options, const std::string& address) {
-  if (IsLoopback(address) || (options.tls.on() && !options.access.tokens.empty())) return absl::OkStatus();
+  if (wire::IsLoopback(address) || (options.tls.on() && !options.access.tokens.empty())) return absl::OkStatus();
   const absl::string_view missing = options.tls.on() ? "tokens (tokens) are"
                                     : !options.access.tokens.empty()
                                         ? "TLS (tls_certificate, tls_key) is"
@@ -62,7 +62,7 @@ ServerState StateOf(host::MapHost& maps) {
 
 absl::Status DaemonOptions::Validate() const {
   CAIRN_RETURN_IF_ERROR(maps.Validate());
-  CAIRN_RETURN_IF_ERROR(CheckAddress(grpc.address));
+  CAIRN_RETURN_IF_ERROR(wire::CheckAddress(grpc.address));
   if (grpc.max_message_bytes < 1 << 16 || grpc.max_message_bytes > 1 << 30) {
     return absl::InvalidArgumentError("grpc: max_message_bytes must be 64 KB to 1 GB");
   }
@@ -70,9 +70,10 @@ absl::Status DaemonOptions::Validate() const {
   if (http.max_connections < 1) return absl::InvalidArgumentError("http: max_connections must be positive");
   if (!geopose_map.empty()) CAIRN_RETURN_IF_ERROR(Annotate(api::CheckMapName(geopose_map), "geopose_map"));
   if (images.max_pixels < 1) return absl::InvalidArgumentError("images: max_pixels must be positive");
-  if (!no_http) CAIRN_RETURN_IF_ERROR(CheckAddress(http.address));
+  if (!no_http) CAIRN_RETURN_IF_ERROR(wire::CheckAddress(http.address));
   CAIRN_RETURN_IF_ERROR(tls.Validate());
   CAIRN_RETURN_IF_ERROR(access.Validate());
+  CAIRN_RETURN_IF_ERROR(cors.Validate());
   if (without_protection) return absl::OkStatus();
   CAIRN_RETURN_IF_ERROR(CheckProtected(*this, grpc.address));
   return no_http ? absl::OkStatus() : CheckProtected(*this, http.address);
@@ -84,7 +85,7 @@ absl::Status DaemonOptions::CheckFiles() const {
 }
 
 std::string DaemonOptions::ProtectionText() const {
-  const bool local = IsLoopback(grpc.address) && (no_http || IsLoopback(http.address));
+  const bool local = wire::IsLoopback(grpc.address) && (no_http || wire::IsLoopback(http.address));
   const absl::string_view encrypted = !tls.on()               ? "not encrypted"
                                       : tls.client_ca.empty() ? "TLS"
                                                               : "TLS with certificates of clients";
@@ -110,7 +111,7 @@ absl::Status Daemon::Listen(const DaemonOptions& options) {
   if (!options.no_http) {
     const HttpHooks hooks{[maps = maps_.get()] { return maps->Ready(); }, [this] { return metrics_->Text(); },
                           options.geopose_map};
-    http_api_ = std::make_unique<HttpApi>(context, hooks);
+    http_api_ = std::make_unique<HttpApi>(context, hooks, options.cors);
     HttpServerOptions http = options.http;
     http.tls = tls;
     const auto handle = [api = http_api_.get()](const HttpRequest& request) { return api->Handle(request); };

@@ -25,6 +25,7 @@ struct DaemonOptions {
   std::string geopose_map;  // that the GeoPose Protocol asks; empty: those near the position that a request names
   TlsOptions tls;           // of gRPC and HTTP
   AccessOptions access;
+  CorsOptions cors;
   // Listen also where other machines reach it, although TLS or tokens are missing.
   bool without_protection = false;
 

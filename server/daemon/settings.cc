@@ -7,6 +7,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "io/yaml_file.h"
 
 namespace cairn::server {
@@ -15,6 +16,17 @@ namespace {
 Setting Text(std::string key, std::string help, std::string* value) {
   return {std::move(key), std::move(help), false, *value, [value](absl::string_view text) {
             *value = std::string(text);
+            return absl::OkStatus();
+          }};
+}
+
+// Several texts, with commas.
+Setting Texts(std::string key, std::string help, std::vector<std::string>* values) {
+  return {std::move(key), std::move(help), false, absl::StrJoin(*values, ","), [values](absl::string_view text) {
+            values->clear();
+            for (const absl::string_view value : absl::StrSplit(text, ',', absl::SkipWhitespace())) {
+              values->emplace_back(absl::StripAsciiWhitespace(value));
+            }
             return absl::OkStatus();
           }};
 }
@@ -77,6 +89,8 @@ std::vector<Setting> SettingsOf(DaemonOptions* options) {
       YesNo("audit_sync", "Each line of it is on the disk before the client is answered (true, false)",
             &options->access.audit_sync),
       Text("request_log", "File: a line of JSON for every request", &options->access.request_log),
+      Texts("cors_origins", "Origins of web pages that may ask over HTTP, with commas: https://maps.example.org, or *",
+            &options->cors.origins),
       Quantity("max_client_sessions", "Sessions of one client at the same time, those included that wait for it",
                &maps.max_client_sessions),
       Quantity("max_client_calls", "Calls and streams of one client at the same time",

@@ -15,7 +15,7 @@ class TestingServer {
  public:
   // `port` 0: one that is free.
   static absl::StatusOr<std::unique_ptr<TestingServer>> Start(const std::string& directory, GrpcServerOptions grpc = {},
-                                                              int port = 0) {
+                                                              int port = 0, const AccessOptions& access = {}) {
     auto server = std::make_unique<TestingServer>();
     host::MapHostOptions options;
     options.directory = directory;
@@ -24,7 +24,9 @@ class TestingServer {
     options.tracker.refresh_interval_s = 0.01;
     CAIRN_ASSIGN_OR_RETURN(server->host, host::MapHost::Open(options));
     grpc.address = absl::StrCat("127.0.0.1:", port);
-    CAIRN_ASSIGN_OR_RETURN(server->grpc, GrpcServer::Start(grpc, {server->host.get(), {}}));
+    CAIRN_ASSIGN_OR_RETURN(server->access, Access::Open(access));
+    CAIRN_ASSIGN_OR_RETURN(server->grpc,
+                           GrpcServer::Start(grpc, {server->host.get(), {}, nullptr, server->access.get()}));
     return server;
   }
 
@@ -36,6 +38,7 @@ class TestingServer {
     return options;
   }
 
+  std::unique_ptr<Access> access;
   std::unique_ptr<host::MapHost> host;
   std::unique_ptr<GrpcServer> grpc;
 };

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_join.h"
@@ -180,6 +181,16 @@ constexpr std::array<Route, kAnswers.size()> kRoutes = [] {
   return routes;
 }();
 
+// Those by which the path is answered.
+std::string MethodsOf(absl::string_view path) {
+  std::vector<absl::string_view> methods;
+  std::string ignored;
+  for (const Route& route : kRoutes) {
+    if (Matches(route.path, path, &ignored)) methods.push_back(route.method);
+  }
+  return absl::StrJoin(methods, ", ");
+}
+
 }  // namespace
 
 std::span<const Route> HttpApi::Routes() { return kRoutes; }
@@ -209,7 +220,10 @@ HttpResponse ErrorResponse(const absl::Status& status, absl::string_view request
 HttpResponse HttpApi::Handle(const HttpRequest& request) const {
   Caller caller = CallerOf(request);
   caller.request_id = RequestIdOf(caller);
-  HttpResponse response = Answer(request, caller);
+  const bool asks_for_leave = request.method == "OPTIONS" && IsAllowedOrigin(cors_, request);
+  const std::string methods = asks_for_leave ? MethodsOf(request.path) : "";
+  HttpResponse response = methods.empty() ? Answer(request, caller) : Preflight(methods);
+  AddCorsHeaders(cors_, request, &response);
   response.headers.emplace_back("X-Request-Id", caller.request_id);
   return response;
 }
@@ -217,15 +231,13 @@ HttpResponse HttpApi::Handle(const HttpRequest& request) const {
 HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) const {
   const std::string& id = caller.request_id;
   Call call{context_, hooks_, request, caller, ""};
-  std::vector<std::string> methods;  // that the path takes
   for (const RouteAnswer& answer : kAnswers) {
     if (!Matches(answer.route.path, request.path, &call.map)) continue;
     if (request.method == answer.route.method || (request.method == "HEAD" && answer.route.method == "GET")) {
       return answer.answer(call);
     }
-    methods.emplace_back(answer.route.method);
   }
-  const std::string allowed = absl::StrJoin(methods, ", ");
+  const std::string allowed = MethodsOf(request.path);
   if (!allowed.empty()) {
     HttpResponse response = ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this takes ", allowed)), id);
     response.status = 405;

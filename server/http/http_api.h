@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 
+#include "server/http/cors.h"
 #include "server/http/message.h"
 #include "server/rpc/calls.h"
 
@@ -20,7 +21,8 @@ struct HttpHooks {
 class HttpApi {
  public:
   // What `context` refers to must outlive this.
-  HttpApi(const CallContext& context, HttpHooks hooks) : context_(context), hooks_(std::move(hooks)) {}
+  HttpApi(const CallContext& context, HttpHooks hooks, CorsOptions cors = {})
+      : context_(context), hooks_(std::move(hooks)), cors_(std::move(cors)) {}
 
   // Any thread. Nothing is thrown.
   HttpResponse Handle(const HttpRequest& request) const;
@@ -39,6 +41,7 @@ class HttpApi {
 
   const CallContext context_;
   const HttpHooks hooks_;
+  const CorsOptions cors_;
 };
 
 // {"error": {"reason": ..., "message": ..., "request_id": ...}}, and the headers that go with it.

@@ -8,9 +8,12 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "client/conformance/conformance_map.h"
 #include "host/map_host.h"
 #include "io/image_codecs.h"
+#include "wire/errors.h"
 
 namespace cairn::server {
 namespace {
@@ -37,6 +40,31 @@ class HttpApiTest : public testing::Test {
   void TearDown() override { std::filesystem::remove_all(directory_); }
 
   HttpResponse Get(const std::string& path) const { return api_->Handle({"GET", path, "", ""}); }
+  // Asks for tokens from now on, and gives one that may read `maps`.
+  std::string UseTokens(const std::vector<std::string>& maps, const CorsOptions& cors = {}) {
+    AccessOptions options;
+    options.tokens = directory_ + "/tokens.json";
+    Token token;
+    token.name = "t" + std::to_string(maps.size());
+    token.maps = maps;
+    const std::string secret = *CreateToken(options.tokens, token, absl::ToUnixSeconds(absl::Now()));
+    access_ = *Access::Open(options);
+    api_ = std::make_unique<HttpApi>(CallContext{host_.get(), {}, nullptr, access_.get()},
+                                     HttpHooks{[this] { return ready_; }, [] { return std::string("metrics 1\n"); }},
+                                     cors);
+    return "Bearer " + secret;
+  }
+  HttpResponse GetWith(const std::string& path, const std::string& authorization) const {
+    HttpRequest request{"GET", path, "", ""};
+    request.authorization = authorization;
+    return api_->Handle(request);
+  }
+  static std::string Header(const HttpResponse& response, const std::string& name) {
+    for (const auto& [key, value] : response.headers) {
+      if (key == name) return value;
+    }
+    return "";
+  }
   static std::string ReasonOf(const HttpResponse& response) {
     return json::parse(response.body)["error"]["reason"].get<std::string>();
   }
@@ -64,8 +92,9 @@ class HttpApiTest : public testing::Test {
 
   std::string directory_;
   std::unique_ptr<host::MapHost> host_;
-  std::unique_ptr<HttpApi> api_;
+  std::unique_ptr<Access> access_;
   absl::Status ready_;
+  std::unique_ptr<HttpApi> api_;
 };
 
 TEST_F(HttpApiTest, LocatesAPhotoFromAForm) {
@@ -133,6 +162,86 @@ TEST_F(HttpApiTest, HealthReadinessAndMetrics) {
   ready_ = absl::NotFoundError("the maps are gone");
   EXPECT_EQ(Get("/readyz").status, 503);
   EXPECT_EQ(Get("/metrics").body, "metrics 1\n");
+}
+
+TEST_F(HttpApiTest, AsksForTokens) {
+  const std::string some = UseTokens({"room"}), all = UseTokens({"*", "x"});
+  HttpResponse response = Get("/v1/maps/room");
+  EXPECT_EQ(response.status, 401);
+  EXPECT_EQ(ReasonOf(response), "unauthenticated");
+  EXPECT_EQ(Header(response, "WWW-Authenticate"), "Bearer");
+  EXPECT_EQ(GetWith("/v1/maps/room", some + "x").status, 401);
+  EXPECT_EQ(GetWith("/v1/maps/room", some).status, 200);
+  const HttpResponse other = GetWith("/v1/maps/other", some);
+  EXPECT_EQ(other.status, 403);
+  EXPECT_EQ(ReasonOf(other), "permission_denied");
+  HttpRequest form = Form({{"image", Photo()}, {"camera", CameraText()}});
+  EXPECT_EQ(api_->Handle(form).status, 401);
+  form.authorization = some;
+  EXPECT_EQ(api_->Handle(form).status, 200);
+  // Names of maps are in the metrics; health and the description of the interface tell nothing of them.
+  EXPECT_EQ(GetWith("/metrics", some).status, 403);
+  EXPECT_EQ(GetWith("/metrics", all).status, 200);
+  EXPECT_EQ(Get("/healthz").status, 200);
+  EXPECT_EQ(Get("/readyz").status, 200);
+  EXPECT_EQ(Get("/openapi.json").status, 200);
+}
+
+TEST_F(HttpApiTest, RequestsHaveAnId) {
+  HttpRequest request{"GET", "/v1/maps/none", "", ""};
+  request.request_id = "page-7";
+  HttpResponse response = api_->Handle(request);
+  EXPECT_EQ(Header(response, "X-Request-Id"), "page-7");
+  EXPECT_EQ(json::parse(response.body)["error"]["request_id"], "page-7");
+  request.request_id = "two\r\nlines";
+  response = api_->Handle(request);
+  EXPECT_EQ(json::parse(response.body)["error"]["request_id"], Header(response, "X-Request-Id"));
+  EXPECT_THAT(Header(response, "X-Request-Id"), testing::MatchesRegex("[0-9a-f]+-[0-9a-f]+"));
+}
+
+TEST_F(HttpApiTest, WhatIsTooMuchSaysWhenToTryAgain) {
+  const HttpResponse response = ErrorResponse(wire::RetryLater("too much", 1.2), "id");
+  EXPECT_EQ(response.status, 429);
+  EXPECT_EQ(Header(response, "Retry-After"), "2");
+}
+
+TEST_F(HttpApiTest, PagesOfOtherOriginsMayAskIfTheyAreNamed) {
+  const std::string token = UseTokens({"room"}, {{"https://maps.example.org"}});
+  HttpRequest request{"OPTIONS", "/v1/maps/room:localize", "", ""};
+  request.origin = "https://maps.example.org";
+  HttpResponse leave = api_->Handle(request);
+  EXPECT_EQ(leave.status, 200);
+  EXPECT_EQ(leave.body, "");
+  EXPECT_EQ(Header(leave, "Access-Control-Allow-Origin"), request.origin);
+  EXPECT_EQ(Header(leave, "Access-Control-Allow-Methods"), "POST");
+  EXPECT_THAT(Header(leave, "Access-Control-Allow-Headers"), HasSubstr("Authorization"));
+  request = {"GET", "/v1/maps/room", "", "", "", token, "", "https://maps.example.org"};
+  HttpResponse answer = api_->Handle(request);
+  EXPECT_EQ(answer.status, 200);
+  EXPECT_EQ(Header(answer, "Access-Control-Allow-Origin"), request.origin);
+  EXPECT_EQ(Header(answer, "Vary"), "Origin");
+  request.authorization = "";
+  EXPECT_EQ(Header(api_->Handle(request), "Access-Control-Allow-Origin"), request.origin) << "errors are read, too";
+  // Others, and pages of no origin, are told nothing.
+  for (const char* origin : {"https://evil.example.org", "https://maps.example.org.evil", "null", ""}) {
+    request.origin = origin;
+    request.method = "GET";
+    EXPECT_EQ(Header(api_->Handle(request), "Access-Control-Allow-Origin"), "") << origin;
+    request.method = "OPTIONS";
+    leave = api_->Handle(request);
+    EXPECT_EQ(leave.status, 405);
+    EXPECT_EQ(Header(leave, "Access-Control-Allow-Origin"), "") << origin;
+  }
+  UseTokens({"room", "a", "b"});
+  request.origin = "https://maps.example.org";
+  EXPECT_EQ(api_->Handle(request).status, 405) << "none are allowed unless it is said";
+}
+
+TEST(Cors, OriginsThatAreNone) {
+  EXPECT_TRUE((CorsOptions{{"*", "http://localhost:8080", "https://a.b"}}).Validate().ok());
+  for (const char* bad : {"", "maps.example.org", "https://", "https://a/", "ftp://a", "https://a b"}) {
+    EXPECT_EQ(CorsOptions{{bad}}.Validate().code(), absl::StatusCode::kInvalidArgument) << bad;
+  }
 }
 
 TEST_F(HttpApiTest, WhatIsNotThereOrTakesAnotherMethod) {

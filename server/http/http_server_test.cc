@@ -6,10 +6,13 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/read.hpp>
+#include <boost/asio/ssl.hpp>
 #include <boost/asio/write.hpp>
 #include <future>
 #include <thread>
 #include <vector>
+
+#include "server/tls/testing_certificates.h"
 
 namespace cairn::server {
 namespace {
@@ -126,6 +129,65 @@ TEST(HttpServer, ConnectionsAreCountedAndSlowOnesClosed) {
   Client third(server->port());
   EXPECT_EQ(third.ReadAll(), "") << "closed at once";
   EXPECT_EQ(slow.ReadAll(), "") << "closed when its time is over";
+}
+
+// A client that speaks TLS, and trusts `ca`.
+class TlsClient {
+ public:
+  TlsClient(int port, const std::string& ca_pem, int max_version = 0) : stream_(io_, context_) {
+    context_.add_certificate_authority(asio::buffer(ca_pem));
+    stream_.set_verify_mode(asio::ssl::verify_peer);
+    stream_.set_verify_callback(asio::ssl::host_name_verification("localhost"));
+    if (max_version != 0) SSL_set_max_proto_version(stream_.native_handle(), max_version);
+    stream_.next_layer().connect({asio::ip::make_address("127.0.0.1"), static_cast<std::uint16_t>(port)});
+    stream_.handshake(asio::ssl::stream_base::client, handshake_);
+  }
+  const boost::system::error_code& handshake() const { return handshake_; }
+  std::string Ask(const std::string& request) {
+    boost::system::error_code error;
+    asio::write(stream_, asio::buffer(request), error);
+    std::string bytes;
+    asio::read(stream_, asio::dynamic_buffer(bytes), error);
+    return bytes;
+  }
+
+ private:
+  asio::io_context io_;
+  asio::ssl::context context_{asio::ssl::context::tls_client};
+  asio::ssl::stream<tcp::socket> stream_;
+  boost::system::error_code handshake_;
+};
+
+TEST(HttpServer, SpeaksTlsOfToday) {
+  const TestingCertificate ca = MakeTestingCa(), own = MakeTestingCertificate({}, &ca);
+  HttpServerOptions options = Options();
+  options.tls = ServerTls{own.certificate_pem, own.key_pem, "", 0};
+  const auto server = HttpServer::Start(options, Echo);
+  ASSERT_TRUE(server.ok()) << server.status();
+  const std::string request =
+      "POST /a HTTP/1.1\r\nHost: x\r\nConnection: close\r\nExpect: 100-continue\r\n"
+      "Content-Length: 5\r\n\r\nhello";
+  TlsClient client((*server)->port(), ca.certificate_pem);
+  ASSERT_FALSE(client.handshake()) << client.handshake().message();
+  EXPECT_THAT(client.Ask(request), HasSubstr("POST /a hello"));
+  EXPECT_FALSE(TlsClient((*server)->port(), ca.certificate_pem, TLS1_2_VERSION).handshake());
+  EXPECT_TRUE(TlsClient((*server)->port(), ca.certificate_pem, TLS1_1_VERSION).handshake());
+  EXPECT_TRUE(TlsClient((*server)->port(), MakeTestingCa().certificate_pem).handshake());
+  Client plain((*server)->port());
+  plain.Send("GET / HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_THAT(plain.ReadAll(), testing::Not(HasSubstr("HTTP/1.1 200")));
+}
+
+TEST(HttpServer, MayAskForCertificatesOfClientsAndClosesWhoSaysNothing) {
+  const TestingCertificate ca = MakeTestingCa(), own = MakeTestingCertificate({}, &ca);
+  HttpServerOptions options = Options();
+  options.tls = ServerTls{own.certificate_pem, own.key_pem, ca.certificate_pem, 0};
+  options.timeout = std::chrono::seconds(1);
+  const auto server = *HttpServer::Start(options, Echo);
+  // In TLS 1.3 a client learns only afterwards that it was refused.
+  EXPECT_EQ(TlsClient(server->port(), ca.certificate_pem).Ask("GET / HTTP/1.1\r\nHost: x\r\n\r\n"), "");
+  Client silent(server->port());
+  EXPECT_EQ(silent.ReadAll(), "") << "closed when its time is over";
 }
 
 TEST(HttpServer, StopsInOrder) {

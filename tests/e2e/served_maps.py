@@ -11,7 +11,7 @@ DAEMON = os.environ['CAIRND_BINARY']
 class Server:
     """A cairnd on loopback ports that are free, or on `address` for gRPC."""
 
-    def __init__(self, maps, *arguments, address='127.0.0.1:0'):
+    def __init__(self, maps, *arguments, address='127.0.0.1:0', tls=False):
         self.process = subprocess.Popen([DAEMON, '--maps', str(maps), '--listen', address, '--listen-http', '127.0.0.1:0',
                                          *map(str, arguments)],
                                         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -19,7 +19,7 @@ class Server:
         if 'gRPC on ' not in line:
             raise AssertionError(f'{line}{self.process.stderr.read()}')
         self.address = line.split('gRPC on ')[1].split(',')[0].strip()
-        self.url = f"http://{line.split('HTTP on ')[1].strip()}"
+        self.url = f"{'https' if tls else 'http'}://{line.split('HTTP on ')[1].strip()}"
 
     def get(self, path, body=None, content_type=None):
         """Status, content type and body of an answer over HTTP."""

@@ -16,7 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 struct BenchFollowOptions {
-  std::string server;
+  ServerChoice server;
   std::string map;
   bool away = false;
   bool json = false;

@@ -20,7 +20,7 @@ using Clock = std::chrono::steady_clock;
 
 struct BenchServerOptions {
   InputOptions input;
-  std::string server;
+  ServerChoice server;
   std::string map;
   int clients = 1;
   int count = 200;

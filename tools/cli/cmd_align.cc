@@ -15,7 +15,7 @@ namespace {
 
 struct AlignOptions {
   std::string map;
-  std::string server;
+  ServerChoice server;
   std::string groundtruth;
   eval::ReferenceOptions reference;
   PoseAlignmentOptions solver;

@@ -13,7 +13,7 @@ namespace {
 
 struct DeleteOptions {
   std::string map;
-  std::string server;
+  ServerChoice server;
   bool json = false;
 };
 
@@ -32,7 +32,7 @@ struct RestoreOptions {
   std::string deleted;
   std::string as;
   std::string directory;
-  std::string server;
+  ServerChoice server;
   bool list = false;
   bool json = false;
 };

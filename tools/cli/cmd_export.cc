@@ -15,7 +15,7 @@ namespace {
 struct ExportOptions {
   std::string map;
   std::string out;
-  std::string server;
+  ServerChoice server;
   bool overwrite = false;
   bool json = false;
 };

@@ -33,7 +33,7 @@ constexpr std::size_t kListed = 4;
 
 struct InfoOptions {
   std::string map;
-  std::string server;
+  ServerChoice server;
   std::string picture;
   bool digest = false;
   bool overwrite = false;

@@ -32,7 +32,7 @@ namespace {
 
 struct LocalizeOptions {
   InputOptions input;
-  std::string server;
+  ServerChoice server;
   std::string map;
   std::string out;
   std::string picture;

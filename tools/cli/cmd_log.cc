@@ -12,7 +12,7 @@ namespace {
 
 struct LogOptions {
   std::string map;
-  std::string server;
+  ServerChoice server;
   SessionId::Value session = 0;
   Revision from = 0;
   int count = map::kMaxLoggedChanges;

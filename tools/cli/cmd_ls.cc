@@ -21,7 +21,7 @@ struct LsOptions {
   std::string what;
   std::string sort;
   inspect::ListingQuery query;
-  std::string server;
+  ServerChoice server;
   bool json = false;
 };
 

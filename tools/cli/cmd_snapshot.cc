@@ -14,7 +14,7 @@ namespace {
 struct SnapshotOptions {
   std::string map;
   std::string copy;
-  std::string server;
+  ServerChoice server;
   bool json = false;
 };
 

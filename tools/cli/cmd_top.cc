@@ -16,7 +16,7 @@ namespace cairn::cli {
 namespace {
 
 struct TopOptions {
-  std::string server;
+  ServerChoice server;
   double interval_s = 2.0;
   int count = 0;  // looks; 0: until it is interrupted
   bool once = false;
@@ -66,9 +66,9 @@ absl::StatusOr<int> Top(const TopOptions& options) {
     const double seconds = before ? now.uptime_s - before->uptime_s : now.uptime_s;
     const api::ServerStatus* since = before ? &*before : nullptr;
     if (options.json) {
-      PrintJson(StatusAsJson(options.server, now, since, seconds));
+      PrintJson(StatusAsJson(options.server.address, now, since, seconds));
     } else {
-      Show(StatusLines(options.server, now, since, seconds), terminal);
+      Show(StatusLines(options.server.address, now, since, seconds), terminal);
     }
     if (once || looks == options.count || pause.Wait(options.interval_s)) return interrupts.exit_code();
     before = now;

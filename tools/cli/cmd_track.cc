@@ -32,7 +32,7 @@ using Clock = std::chrono::steady_clock;
 
 struct TrackOptions {
   InputOptions input;
-  std::string server;
+  ServerChoice server;
   std::string map;
   std::string out;
   std::string states;

@@ -11,7 +11,7 @@ namespace {
 
 struct VerifyOptions {
   std::string map;
-  std::string server;
+  ServerChoice server;
   bool deep = false;
   bool json = false;
 };

@@ -9,7 +9,7 @@
 namespace cairn::cli {
 namespace {
 
-absl::Status Fetch(const std::string& server, const std::string& map, api::ExportContent content,
+absl::Status Fetch(const ServerChoice& server, const std::string& map, api::ExportContent content,
                    const std::string& path) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(server));
   const auto failed = [&] { return absl::ResourceExhaustedError(absl::StrCat(path, " cannot be written")); };
@@ -32,7 +32,7 @@ std::optional<api::ExportContent> ContentOfFile(const std::string& path) {
   return std::nullopt;
 }
 
-absl::Status ExportServed(const std::string& server, const std::string& map, api::ExportContent content,
+absl::Status ExportServed(const ServerChoice& server, const std::string& map, api::ExportContent content,
                           const std::string& path) {
   const std::string part = path + ".part";
   std::error_code error;

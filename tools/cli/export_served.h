@@ -6,6 +6,7 @@
 
 #include "api/map_admin.h"
 #include "base/status.h"
+#include "cli/server_option.h"
 
 namespace cairn::cli {
 
@@ -13,7 +14,7 @@ namespace cairn::cli {
 std::optional<api::ExportContent> ContentOfFile(const std::string& path);
 
 // Writes what a map of the server is to `path`, which appears as a whole.
-absl::Status ExportServed(const std::string& server, const std::string& map, api::ExportContent content,
+absl::Status ExportServed(const ServerChoice& server, const std::string& map, api::ExportContent content,
                           const std::string& path);
 
 }  // namespace cairn::cli

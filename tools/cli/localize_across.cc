@@ -47,7 +47,7 @@ void Print(const api::AcrossAnswer& across, const std::string& image) {
 
 }  // namespace
 
-absl::StatusOr<int> LocalizeAcrossMaps(const std::string& server, const std::vector<std::string>& maps,
+absl::StatusOr<int> LocalizeAcrossMaps(const ServerChoice& server, const std::vector<std::string>& maps,
                                        const api::LocalizeQuery& query, const std::string& image, bool json) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(server));
   CAIRN_ASSIGN_OR_RETURN(const api::AcrossAnswer across, service->LocalizeAcross(maps, query));

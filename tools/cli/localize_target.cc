@@ -56,7 +56,7 @@ class ServedMap final : public LocalizeTarget {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<LocalizeTarget>> OpenLocalizeTarget(const std::string& server, const std::string& map) {
+absl::StatusOr<std::unique_ptr<LocalizeTarget>> OpenLocalizeTarget(const ServerChoice& server, const std::string& map) {
   if (server.empty()) {
     CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::LocalLocalizer> localizer, client::LocalLocalizer::Open(map));
     return std::make_unique<MapFile>(std::move(localizer));

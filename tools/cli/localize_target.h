@@ -8,6 +8,7 @@
 #include "base/ids.h"
 #include "base/status.h"
 #include "cli/common_frame.h"
+#include "cli/server_option.h"
 
 namespace cairn::cli {
 
@@ -21,6 +22,6 @@ class LocalizeTarget : public api::Localizer {
 };
 
 // `server` empty: `map` is a file.
-absl::StatusOr<std::unique_ptr<LocalizeTarget>> OpenLocalizeTarget(const std::string& server, const std::string& map);
+absl::StatusOr<std::unique_ptr<LocalizeTarget>> OpenLocalizeTarget(const ServerChoice& server, const std::string& map);
 
 }  // namespace cairn::cli

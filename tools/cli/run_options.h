@@ -11,6 +11,7 @@
 #include "cli/input_options.h"
 #include "cli/interrupt.h"
 #include "cli/run_feed.h"
+#include "cli/server_option.h"
 #include "engine/live_map.h"
 #include "engine/odometry_session.h"
 #include "engine/session.h"
@@ -22,7 +23,7 @@ namespace cairn::cli {
 
 struct RunOptions {
   InputOptions input;
-  std::string server;  // empty: `map` is a file
+  ServerChoice server;  // empty: `map` is a file
   std::string map;
   bool extend = false;
   std::string name;

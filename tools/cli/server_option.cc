@@ -1,35 +1,80 @@
 #include "cli/server_option.h"
 
+#include <cstdlib>
 #include <filesystem>
 
+#include "absl/strings/ascii.h"
+#include "base/files.h"
 #include "host/map_host.h"
 
 namespace cairn::cli {
 namespace {
 
-constexpr const char* kOption = "--server";
+constexpr const char *kServer = "--server", *kTokenFile = "--token-file", *kTls = "--tls", *kCa = "--ca",
+                     *kCertificate = "--cert", *kKey = "--key", *kTokenInClear = "--token-in-clear";
+constexpr std::uint64_t kMaxTokenBytes = 4096;
+
+std::string TextOf(const CLI::App& app, const char* name) {
+  const CLI::Option* option = app.get_option(name);
+  return option->count() > 0 ? option->as<std::string>() : "";
+}
+
+absl::StatusOr<std::string> TokenOf(const ServerChoice& server) {
+  std::string token;
+  if (!server.token_file.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(token, ReadWholeFile(server.token_file, kMaxTokenBytes));
+  } else if (const char* set = std::getenv("CAIRN_TOKEN")) {
+    token = set;
+  }
+  return std::string(absl::StripAsciiWhitespace(token));
+}
 
 }  // namespace
 
 void AddServerOption(CLI::App& app) {
-  app.add_option(kOption,
-                 "HOST:PORT of a cairnd: ls, info, log, localize, track, run, align, verify, snapshot, export, delete, "
-                 "restore, top "
-                 "and bench server ask it, and MAP is a name there");
+  constexpr const char* kGroup = "A server";
+  const auto add = [&](const char* name, const char* help) {
+    return app.add_option(name, std::string(help))->group(kGroup);
+  };
+  const auto flag = [&](const char* name, const char* help) {
+    return app.add_flag(name, std::string(help))->group(kGroup);
+  };
+  CLI::Option* const server = add(kServer,
+                                  "HOST:PORT of a cairnd: ls, info, log, localize, track, run, align, verify, "
+                                  "snapshot, export, delete, restore, top "
+                                  "and bench server ask it, and MAP is a name there");
+  add(kTokenFile, "File with the token that it asks for (cairnd token create); else CAIRN_TOKEN of the environment")
+      ->needs(server);
+  flag(kTls, "It speaks TLS, with a certificate of a CA that this machine trusts")->needs(server);
+  add(kCa, "It speaks TLS, with a certificate of the CA of this PEM file")->needs(server);
+  CLI::Option* const certificate = add(kCertificate, "PEM file: the certificate that it asks for");
+  certificate->needs(server)->needs(add(kKey, "PEM file: the key of that certificate")->needs(certificate));
+  flag(kTokenInClear, "Send the token without TLS, also to other machines: whoever listens on the way has it then")
+      ->needs(server);
 }
 
-std::string ServerOf(const CLI::App& app) {
-  const CLI::Option* option = app.get_option(kOption);
-  return option->count() > 0 ? option->as<std::string>() : "";
+ServerChoice ServerOf(const CLI::App& app) {
+  ServerChoice server;
+  server.address = TextOf(app, kServer);
+  server.token_file = TextOf(app, kTokenFile);
+  server.tls.ca = TextOf(app, kCa);
+  server.tls.certificate = TextOf(app, kCertificate);
+  server.tls.key = TextOf(app, kKey);
+  server.tls.on = app.get_option(kTls)->count() > 0 || !server.tls.ca.empty() || !server.tls.certificate.empty();
+  server.token_in_clear = app.get_option(kTokenInClear)->count() > 0;
+  return server;
 }
 
-absl::StatusOr<std::unique_ptr<client::RemoteMapService>> ConnectTo(const std::string& server) {
+absl::StatusOr<std::unique_ptr<client::RemoteMapService>> ConnectTo(const ServerChoice& server) {
   client::RemoteOptions options;
-  options.server = server;
+  options.server = server.address;
+  CAIRN_ASSIGN_OR_RETURN(options.token, TokenOf(server));
+  CAIRN_ASSIGN_OR_RETURN(options.tls, client::LoadClientTls(server.tls));
+  options.token_in_clear = server.token_in_clear;
   return client::RemoteMapService::Connect(options);
 }
 
-absl::StatusOr<NamedMap> FindMap(const std::string& server, const std::string& path) {
+absl::StatusOr<NamedMap> FindMap(const ServerChoice& server, const std::string& path) {
   NamedMap found;
   if (!server.empty()) {
     CAIRN_ASSIGN_OR_RETURN(found.service, ConnectTo(server));

@@ -10,12 +10,20 @@
 
 namespace cairn::cli {
 
+// Which server, and what it is to be shown and to show.
+struct ServerChoice {
+  std::string address;     // empty: no server was named, MAP is a file
+  std::string token_file;  // empty: the environment's CAIRN_TOKEN, if it is set
+  client::ClientTlsFiles tls;
+  bool token_in_clear = false;
+
+  bool empty() const { return address.empty(); }
+};
+
 void AddServerOption(CLI::App& app);
+ServerChoice ServerOf(const CLI::App& app);
 
-// Empty: no server was named, MAP is a file.
-std::string ServerOf(const CLI::App& app);
-
-absl::StatusOr<std::unique_ptr<client::RemoteMapService>> ConnectTo(const std::string& server);
+absl::StatusOr<std::unique_ptr<client::RemoteMapService>> ConnectTo(const ServerChoice& server);
 
 // The maps of a server, or, without one, those of the directory that holds the file `path` (`name` then is the file's):
 // for verbs that say the same of both.
@@ -24,6 +32,6 @@ struct NamedMap {
   std::string name;
 };
 // InvalidArgument for a file that is not called as a map of a directory is: NAME.cairn.
-absl::StatusOr<NamedMap> FindMap(const std::string& server, const std::string& path);
+absl::StatusOr<NamedMap> FindMap(const ServerChoice& server, const std::string& path);
 
 }  // namespace cairn::cli

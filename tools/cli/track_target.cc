@@ -18,7 +18,7 @@ struct TrackerAndService final : public api::Tracker {
 
 }  // namespace
 
-absl::StatusOr<TrackTarget> OpenTrackTarget(const std::string& server, const std::string& map, const Camera& camera,
+absl::StatusOr<TrackTarget> OpenTrackTarget(const ServerChoice& server, const std::string& map, const Camera& camera,
                                             const client::LocalTrackerOptions& options, bool at_server) {
   const auto here = [](std::shared_ptr<client::LocalTracker> tracker) {
     return TrackTarget{tracker, [tracker] { return CommonFrameOf(tracker->snapshot()); }};

@@ -8,6 +8,7 @@
 #include "api/tracker.h"
 #include "base/status.h"
 #include "cli/common_frame.h"
+#include "cli/server_option.h"
 #include "client/local_tracker_options.h"
 #include "geometry/camera.h"
 
@@ -21,7 +22,7 @@ struct TrackTarget {
 
 // `server` empty: `map` is a file. The options are those of a tracker in this process; `at_server`: the server tracks,
 // in its own way.
-absl::StatusOr<TrackTarget> OpenTrackTarget(const std::string& server, const std::string& map, const Camera& camera,
+absl::StatusOr<TrackTarget> OpenTrackTarget(const ServerChoice& server, const std::string& map, const Camera& camera,
                                             const client::LocalTrackerOptions& options, bool at_server);
 
 }  // namespace cairn::cli

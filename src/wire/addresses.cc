@@ -1,11 +1,11 @@
-#include "server/daemon/addresses.h"
+#include "wire/addresses.h"
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 
-namespace cairn::server {
+namespace cairn::wire {
 namespace {
 
 constexpr absl::string_view kUnix = "unix:";
@@ -47,4 +47,4 @@ bool IsLoopback(const std::string& address) {
   return host == "localhost" || host == "[::1]" || IsLoopbackV4(host);
 }
 
-}  // namespace cairn::server
+}  // namespace cairn::wire

@@ -1,8 +1,8 @@
-#include "server/daemon/addresses.h"
+#include "wire/addresses.h"
 
 #include <gtest/gtest.h>
 
-namespace cairn::server {
+namespace cairn::wire {
 namespace {
 
 TEST(Addresses, WhatOnlyThisMachineReaches) {
@@ -25,4 +25,4 @@ TEST(Addresses, WhatIsNone) {
 }
 
 }  // namespace
-}  // namespace cairn::server
+}  // namespace cairn::wire

@@ -5,7 +5,7 @@
 
 #include "base/status.h"
 
-namespace cairn::server {
+namespace cairn::wire {
 
 // "HOST:PORT", "[IPV6]:PORT" or "unix:/path". InvalidArgument for anything else.
 absl::Status CheckAddress(const std::string& address);
@@ -13,4 +13,4 @@ absl::Status CheckAddress(const std::string& address);
 // Only this machine reaches it: a Unix socket, localhost, 127.0.0.0/8 or ::1. The address has been checked.
 bool IsLoopback(const std::string& address);
 
-}  // namespace cairn::server
+}  // namespace cairn::wire
