@@ -114,6 +114,7 @@ absl::Status Daemon::Listen(const DaemonOptions& options) {
     http_api_ = std::make_unique<HttpApi>(context, hooks, options.cors);
     HttpServerOptions http = options.http;
     http.tls = tls;
+    http.gate = [api = http_api_.get()](const HttpRequest& request) { return api->Refusal(request); };
     const auto handle = [api = http_api_.get()](const HttpRequest& request) { return api->Handle(request); };
     CAIRN_ASSIGN_OR_RETURN(http_, HttpServer::Start(http, handle));
     http_address_ = Bound(options.http.address, http_->port());

@@ -228,6 +228,14 @@ HttpResponse HttpApi::Handle(const HttpRequest& request) const {
   return response;
 }
 
+std::optional<HttpResponse> HttpApi::Refusal(const HttpRequest& request) const {
+  // Whatever has no body is refused where it is answered.
+  if (context_.access == nullptr || request.method != "POST") return std::nullopt;
+  Caller caller = CallerOf(request);
+  if (!absl::IsUnauthenticated(context_.access->Identify(caller).status())) return std::nullopt;
+  return Handle(request);
+}
+
 HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) const {
   const std::string& id = caller.request_id;
   Call call{context_, hooks_, request, caller, ""};

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -26,6 +27,9 @@ class HttpApi {
 
   // Any thread. Nothing is thrown.
   HttpResponse Handle(const HttpRequest& request) const;
+
+  // The answer to a request without a token that is known, before its body is read; none: go on. Any thread.
+  std::optional<HttpResponse> Refusal(const HttpRequest& request) const;
 
   // Every path that is answered, "{map}" in place of a name (of a map, or of a deleted one), and by which method.
   struct Route {

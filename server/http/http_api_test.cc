@@ -177,7 +177,9 @@ TEST_F(HttpApiTest, AsksForTokens) {
   EXPECT_EQ(ReasonOf(other), "permission_denied");
   HttpRequest form = Form({{"image", Photo()}, {"camera", CameraText()}});
   EXPECT_EQ(api_->Handle(form).status, 401);
+  EXPECT_EQ(api_->Refusal(form)->status, 401);
   form.authorization = some;
+  EXPECT_FALSE(api_->Refusal(form).has_value()) << "its body is worth reading";
   EXPECT_EQ(api_->Handle(form).status, 200);
   // Names of maps are in the metrics; health and the description of the interface tell nothing of them.
   EXPECT_EQ(GetWith("/metrics", some).status, 403);

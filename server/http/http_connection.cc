@@ -77,6 +77,10 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
 
   void OnHeader(error_code error) {
     if (error) return OnFailure(error);
+    if (shared_->options.gate) {
+      std::optional<HttpResponse> refusal = shared_->options.gate(Received());
+      if (refusal) return Write(*std::move(refusal), false);
+    }
     if (parser_->get()[http::field::expect] != "100-continue") return ReadBody();
     // The client asks before it sends the rest.
     go_on_.emplace(http::status::continue_, parser_->get().version());
@@ -103,18 +107,24 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     });
   }
 
-  HttpResponse Handled() {
-    http::request<http::string_body>& received = parser_->get();
+  // As far as it has arrived.
+  HttpRequest Received() {
+    const http::request<http::string_body>& received = parser_->get();
     HttpRequest request;
     request.method = std::string(received.method_string());
     request.path = std::string(received.target().substr(0, received.target().find('?')));
     request.content_type = std::string(received[http::field::content_type]);
-    request.body = std::move(received.body());
     request.peer = peer_;
     request.accept = std::string(received[http::field::accept]);
     request.authorization = std::string(received[http::field::authorization]);
     request.request_id = std::string(received["X-Request-Id"]);
     request.origin = std::string(received[http::field::origin]);
+    return request;
+  }
+
+  HttpResponse Handled() {
+    HttpRequest request = Received();
+    request.body = std::move(parser_->get().body());
     return shared_->handler(request);
   }
 

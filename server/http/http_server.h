@@ -22,6 +22,9 @@ struct HttpServerOptions {
   int max_connections = 256;         // further ones are closed at once
   int threads = 8;                   // requests that are worked on at the same time
   std::chrono::seconds timeout{30};  // for a request to arrive, and for an answer to leave
+  // Looks at a request before its body is read: an answer refuses it, and ends the connection. Must be quick and not
+  // throw. None: all pass.
+  std::function<std::optional<HttpResponse>(const HttpRequest& without_body)> gate;
 };
 
 class HttpServer {

@@ -78,6 +78,22 @@ TEST(HttpServer, AnswersAndKeepsTheConnection) {
   EXPECT_THAT(client.ReadAll(), HasSubstr("POST /d hello"));
 }
 
+TEST(HttpServer, RequestsMayBeRefusedBeforeTheirBodyIsRead) {
+  HttpServerOptions options = Options();
+  options.gate = [](const HttpRequest& request) -> std::optional<HttpResponse> {
+    if (request.authorization == "Bearer x") return std::nullopt;
+    return HttpResponse{401, "text/plain", "who are you?"};
+  };
+  const auto server = *HttpServer::Start(options, Echo);
+  const std::string head = "POST /d HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nConnection: close\r\n";
+  Client stranger(server->port());
+  stranger.Send(head + "\r\n");  // and never the body
+  EXPECT_THAT(stranger.ReadAll(), testing::AllOf(StartsWith("HTTP/1.1 401"), testing::EndsWith("who are you?")));
+  Client known(server->port());
+  known.Send(head + "Authorization: Bearer x\r\n\r\nhello");
+  EXPECT_THAT(known.ReadAll(), HasSubstr("POST /d hello"));
+}
+
 TEST(HttpServer, AnswersHeadWithoutABody) {
   const auto server = *HttpServer::Start(Options(), Echo);
   Client client(server->port());

@@ -33,12 +33,9 @@ absl::StatusOr<std::string> TokenOf(const ServerChoice& server) {
 
 void AddServerOption(CLI::App& app) {
   constexpr const char* kGroup = "A server";
-  const auto add = [&](const char* name, const char* help) {
-    return app.add_option(name, std::string(help))->group(kGroup);
-  };
-  const auto flag = [&](const char* name, const char* help) {
-    return app.add_flag(name, std::string(help))->group(kGroup);
-  };
+  // By reference: that is what CLI11 takes a help text as.
+  const auto add = [&](const char* name, const std::string& help) { return app.add_option(name, help)->group(kGroup); };
+  const auto flag = [&](const char* name, const std::string& help) { return app.add_flag(name, help)->group(kGroup); };
   CLI::Option* const server = add(kServer,
                                   "HOST:PORT of a cairnd: ls, info, log, localize, track, run, align, verify, "
                                   "snapshot, export, delete, restore, top "
@@ -65,12 +62,17 @@ ServerChoice ServerOf(const CLI::App& app) {
   return server;
 }
 
-absl::StatusOr<std::unique_ptr<client::RemoteMapService>> ConnectTo(const ServerChoice& server) {
+absl::StatusOr<client::RemoteOptions> RemoteOptionsOf(const ServerChoice& server) {
   client::RemoteOptions options;
   options.server = server.address;
   CAIRN_ASSIGN_OR_RETURN(options.token, TokenOf(server));
   CAIRN_ASSIGN_OR_RETURN(options.tls, client::LoadClientTls(server.tls));
   options.token_in_clear = server.token_in_clear;
+  return options;
+}
+
+absl::StatusOr<std::unique_ptr<client::RemoteMapService>> ConnectTo(const ServerChoice& server) {
+  CAIRN_ASSIGN_OR_RETURN(const client::RemoteOptions options, RemoteOptionsOf(server));
   return client::RemoteMapService::Connect(options);
 }
 

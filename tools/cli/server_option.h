@@ -23,6 +23,8 @@ struct ServerChoice {
 void AddServerOption(CLI::App& app);
 ServerChoice ServerOf(const CLI::App& app);
 
+// Reads the files that it names.
+absl::StatusOr<client::RemoteOptions> RemoteOptionsOf(const ServerChoice& server);
 absl::StatusOr<std::unique_ptr<client::RemoteMapService>> ConnectTo(const ServerChoice& server);
 
 // The maps of a server, or, without one, those of the directory that holds the file `path` (`name` then is the file's):

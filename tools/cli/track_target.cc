@@ -28,8 +28,7 @@ absl::StatusOr<TrackTarget> OpenTrackTarget(const ServerChoice& server, const st
                            client::LocalTracker::Open(map, camera, options));
     return here(std::move(tracker));
   }
-  client::RemoteOptions remote;
-  remote.server = server;
+  CAIRN_ASSIGN_OR_RETURN(client::RemoteOptions remote, RemoteOptionsOf(server));
   remote.tracker = options;
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::RemoteMapService> service, client::RemoteMapService::Connect(remote));
   if (!at_server) {
