@@ -30,6 +30,15 @@ map::ChangedRows ViewFeed::RowsTo(const tracking::MapView& newest) const {
   return map::RowsBetween(sent_->map(), newest.map());
 }
 
+void ViewFeed::CutOut(api::MapStep* step) {
+  const std::vector<KeyframeId> had = step->rows.whole   ? std::vector<KeyframeId>()
+                                      : sent_ != nullptr ? sent_keyframes_
+                                                         : request_.held;
+  step->only = map::KeyframesAround(*step->map, *request_.region);
+  step->rows = map::RowsOfRegion(had, step->rows, *step->map, *step->only);
+  sent_keyframes_ = *step->only;
+}
+
 absl::StatusOr<std::optional<api::MapStep>> ViewFeed::Next(std::chrono::milliseconds timeout) {
   const Clock::time_point until = Clock::now() + timeout;
   if (sent_ != nullptr) std::this_thread::sleep_until(std::min(until, sent_at_ + request_.min_interval));
@@ -38,12 +47,13 @@ absl::StatusOr<std::optional<api::MapStep>> ViewFeed::Next(std::chrono::millisec
     if (sent_ == nullptr || newest->revision() != sent_->revision() ||
         newest->map().info().id != sent_->map().info().id) {
       if (sent_ != nullptr && Clock::now() < sent_at_ + request_.min_interval) return std::nullopt;
-      api::MapStep step{newest->snapshot(), {}};
+      api::MapStep step{newest->snapshot(), {}, {}};
       if (sent_ != nullptr) {
         step.rows = RowsTo(*newest);
       } else {
         CAIRN_ASSIGN_OR_RETURN(step.rows, FirstRows(*newest));
       }
+      if (request_.region) CutOut(&step);
       sent_ = std::move(newest);
       sent_at_ = Clock::now();
       return step;

@@ -38,10 +38,13 @@ class ViewFeed : public api::MapFeed {
 
   absl::StatusOr<map::ChangedRows> FirstRows(const tracking::MapView& newest);
   map::ChangedRows RowsTo(const tracking::MapView& newest) const;
+  // Of the whole map, to those of the region.
+  void CutOut(api::MapStep* step);
 
   const FeedSource source_;
   const api::FollowRequest request_;
   std::shared_ptr<const tracking::MapView> sent_;
+  std::vector<KeyframeId> sent_keyframes_;  // of the region
   Clock::time_point sent_at_;
 };
 

@@ -5,6 +5,7 @@
 #include "base/guarded.h"
 #include "place/default_vocabulary.h"
 #include "store/fault.h"
+#include "wire/convert_map_rows.h"
 
 namespace cairn::client {
 namespace {
@@ -42,13 +43,19 @@ class FollowedMap::Reader final : public ViewSource {
   std::shared_ptr<const tracking::MapView> view_;
 };
 
-FollowedMap::FollowedMap(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel, const std::string& map)
-    : options_(options), channel_(std::move(channel)), stub_(v1::Follow::NewStub(channel_)), map_(map) {}
+FollowedMap::FollowedMap(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel, const std::string& map,
+                         const std::optional<map::RegionQuery>& region)
+    : options_(options),
+      channel_(std::move(channel)),
+      stub_(v1::Follow::NewStub(channel_)),
+      map_(map),
+      region_(region) {}
 
 absl::StatusOr<std::shared_ptr<FollowedMap>> FollowedMap::Start(const RemoteOptions& options,
                                                                 std::shared_ptr<grpc::Channel> channel,
-                                                                const std::string& map) {
-  auto followed = std::shared_ptr<FollowedMap>(new FollowedMap(options, std::move(channel), map));
+                                                                const std::string& map,
+                                                                const std::optional<map::RegionQuery>& region) {
+  auto followed = std::shared_ptr<FollowedMap>(new FollowedMap(options, std::move(channel), map, region));
   FollowedMap* const self = followed.get();
   CAIRN_ASSIGN_OR_RETURN(self->thread_, StartThread(
                                             "following a map", [self] { self->Run(); },
@@ -123,11 +130,20 @@ void FollowedMap::Reconnect() {
   changed_.notify_all();
 }
 
+void FollowedMap::MoveTo(const map::RegionQuery& region) {
+  const std::lock_guard lock(mutex_);
+  if (!region_ || *region_ == region) return;
+  region_ = region;
+  moving_ = true;
+  if (call_ != nullptr) call_->TryCancel();
+}
+
 void FollowedMap::Run() {
   for (int attempt = 0;;) {
     const Clock::time_point before = Clock::now();
     const absl::Status status = Guarded([&] { return Follow(); });
     std::unique_lock lock(mutex_);
+    if (std::exchange(moving_, false) && connected_ && !ending_ && !paused_) continue;
     connected_ = false;
     problem_ = status.ok() ? absl::UnavailableError(absl::StrCat(options_.server, " ended the call")) : status;
     // What had worked for a while is tried again at once.
@@ -141,7 +157,7 @@ void FollowedMap::Run() {
   }
 }
 
-absl::Status FollowedMap::Follow() {
+v1::FollowMapRequest FollowedMap::Request() {
   v1::FollowMapRequest request;
   request.set_map(map_);
   request.set_min_interval_ms(kIntervalMs);
@@ -151,10 +167,19 @@ absl::Status FollowedMap::Follow() {
     if (shipped.ok()) vocabulary_ = std::make_shared<const place::Vocabulary>(*std::move(shipped));
   }
   if (vocabulary_ != nullptr) request.add_vocabularies(vocabulary_->hash());
-  if (const auto held = view(); held != nullptr && !anew_) {
-    request.mutable_held()->set_map_id(held->map().info().id);
-    request.mutable_held()->set_revision(held->revision());
-  }
+  const std::lock_guard lock(mutex_);
+  if (region_) wire::ToProto(*region_, request.mutable_region());
+  if (view_ == nullptr || anew_) return request;
+  v1::HeldMap* held = request.mutable_held();
+  held->set_map_id(view_->map().info().id);
+  held->set_revision(view_->revision());
+  if (region_)
+    view_->map().keyframes().ForEach([&](const auto& keyframe) { held->add_keyframes(keyframe->id.value()); });
+  return request;
+}
+
+absl::Status FollowedMap::Follow() {
+  const v1::FollowMapRequest request = Request();
   grpc::ClientContext context;
   const auto set_call = [&](grpc::ClientContext* call) {
     const std::lock_guard lock(mutex_);
@@ -219,8 +244,8 @@ absl::StatusOr<std::shared_ptr<const place::Vocabulary>> FollowedMap::Vocabulary
 
 absl::Status FollowedMap::Apply(const wire::MapUpdate& update) {
   std::shared_ptr<const tracking::MapView> next;
-  if (update.whole) {
-    CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<const map::Snapshot> snapshot, update.base->Apply(update.delta));
+  if (update.whole || wire::NeedsRebuilding(update)) {
+    CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<const map::Snapshot> snapshot, wire::Applied(update));
     const std::uint64_t hash = snapshot->info().vocabulary_hash;
     if (hash == 0) {
       return absl::FailedPreconditionError(
@@ -232,13 +257,13 @@ absl::Status FollowedMap::Apply(const wire::MapUpdate& update) {
     }
     CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<const place::Vocabulary> vocabulary, VocabularyOf(update, hash));
     CAIRN_ASSIGN_OR_RETURN(next, tracking::MapView::Create(std::move(snapshot), std::move(vocabulary)));
-  } else if (update.delta.num_changes == 0) {
+  } else if (update.delta.num_changes == 0 && update.delta.empty()) {
     next = view();
   } else {
     CAIRN_ASSIGN_OR_RETURN(next, view()->After(update.delta));
   }
   if (update.keyframes != static_cast<std::int64_t>(next->map().keyframes().size()) ||
-      update.points != static_cast<std::int64_t>(next->map().points().size())) {
+      (update.points >= 0 && update.points != static_cast<std::int64_t>(next->map().points().size()))) {
     return absl::DataLossError("the changes are of another history of the map");
   }
   anew_ = false;

@@ -1,6 +1,6 @@
-// A map of a server, kept here as it changes there: a thread of its own reads what has changed and makes the next view,
-// the same to the bit as the server's. When the connection breaks it is made again, and what was missed is asked for;
-// until then what is known goes on to be good, and says how old it is. Any thread.
+// A map of a server, or a part of it, kept here as it changes there: a thread of its own reads what has changed and
+// makes the next view, the same to the bit as the server's. When the connection breaks it is made again, and what was
+// missed is asked for; until then what is known goes on to be good, and says how old it is. Any thread.
 #pragma once
 
 #include <cairn/v1/follow.grpc.pb.h>
@@ -9,12 +9,14 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 
 #include "base/status.h"
 #include "client/remote/channel.h"
 #include "client/view_source.h"
+#include "map/region.h"
 #include "place/vocabulary.h"
 #include "wire/convert_deltas.h"
 
@@ -26,8 +28,12 @@ class FollowedMap : public std::enable_shared_from_this<FollowedMap> {
   // within RemoteOptions::deadline_s; FailedPrecondition if the map has no vocabulary.
   static absl::StatusOr<std::shared_ptr<FollowedMap>> Start(const RemoteOptions& options,
                                                             std::shared_ptr<grpc::Channel> channel,
-                                                            const std::string& map);
+                                                            const std::string& map,
+                                                            const std::optional<map::RegionQuery>& region = {});
   ~FollowedMap();
+
+  // Of a copy of a region: another part is asked for, and what both have in common is not sent again.
+  void MoveTo(const map::RegionQuery& region);
 
   // Never null.
   std::shared_ptr<const tracking::MapView> view() const;
@@ -57,11 +63,13 @@ class FollowedMap : public std::enable_shared_from_this<FollowedMap> {
   using Clock = std::chrono::steady_clock;
   class Reader;
 
-  FollowedMap(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel, const std::string& map);
+  FollowedMap(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel, const std::string& map,
+              const std::optional<map::RegionQuery>& region);
 
   void Run();
   // One call, until it ends, and why it did.
   absl::Status Follow();
+  v1::FollowMapRequest Request();
   absl::Status ReadUpdates(grpc::ClientReader<v1::FollowMapResponse>* stream);
   absl::Status Apply(const wire::MapUpdate& update);
   absl::StatusOr<std::shared_ptr<const place::Vocabulary>> VocabularyOf(const wire::MapUpdate& update,
@@ -83,6 +91,8 @@ class FollowedMap : public std::enable_shared_from_this<FollowedMap> {
   absl::Status problem_;
   bool connected_ = false;
   bool paused_ = false;
+  std::optional<map::RegionQuery> region_;  // none: the whole map
+  bool moving_ = false;                     // another region is to be asked for
   bool ending_ = false;
   Clock::time_point heard_;   // the last message
   Clock::time_point newest_;  // when the view was known to be the newest

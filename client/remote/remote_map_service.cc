@@ -8,6 +8,7 @@
 #include "client/local_tracker.h"
 #include "client/query_image.h"
 #include "client/remote/followed_map.h"
+#include "client/remote/region_tracker.h"
 #include "client/remote/remote_session.h"
 #include "client/remote/served_tracker.h"
 #include "client/remote/stubs.h"
@@ -16,6 +17,21 @@
 #include "wire/convert.h"
 
 namespace cairn::client {
+
+absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Stubs::Locate(const std::string& map,
+                                                                    const api::LocalizeQuery& query) const {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  CAIRN_RETURN_IF_ERROR(CheckImage(query.image, query.camera, "localize"));
+  v1::LocalizeImageRequest request;
+  request.set_map(map);
+  wire::ToProto(query.image, request.mutable_image());
+  wire::ToProto(query.camera, request.mutable_camera());
+  request.set_time_ns(query.time_ns);
+  if (query.prior) wire::ToProto(*query.prior, request.mutable_prior());
+  v1::LocalizeImageResponse response;
+  CAIRN_RETURN_IF_ERROR(Call([&](auto* call) { return localize->LocalizeImage(call, request, &response); }));
+  return wire::FromProto(response);
+}
 
 absl::Status RemoteOptions::Validate() const {
   if (server.empty()) return absl::InvalidArgumentError("server: name it as HOST:PORT");
@@ -32,16 +48,17 @@ absl::Status RemoteOptions::Validate() const {
                      " without TLS, as whoever listens on the way would have it: give --ca FILE or --tls, or say "
                      "--token-in-clear"));
   }
+  if (max_copied_keyframes < 1) return absl::InvalidArgumentError("server: max_copied_keyframes must be positive");
   return tracker.Validate();
 }
 
-RemoteMapService::RemoteMapService(std::unique_ptr<Stubs> stubs) : stubs_(std::move(stubs)) {}
+RemoteMapService::RemoteMapService(std::shared_ptr<Stubs> stubs) : stubs_(std::move(stubs)) {}
 RemoteMapService::~RemoteMapService() = default;
 
 absl::StatusOr<std::unique_ptr<RemoteMapService>> RemoteMapService::Connect(const RemoteOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   return Guarded([&]() -> absl::StatusOr<std::unique_ptr<RemoteMapService>> {
-    return std::unique_ptr<RemoteMapService>(new RemoteMapService(std::make_unique<Stubs>(options)));
+    return std::unique_ptr<RemoteMapService>(new RemoteMapService(std::make_shared<Stubs>(options)));
   });
 }
 
@@ -66,18 +83,7 @@ absl::StatusOr<api::MapDescription> RemoteMapService::Describe(const std::string
 
 absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Localize(const std::string& map,
                                                                const api::LocalizeQuery& query) {
-  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
-  CAIRN_RETURN_IF_ERROR(CheckImage(query.image, query.camera, "localize"));
-  v1::LocalizeImageRequest request;
-  request.set_map(map);
-  wire::ToProto(query.image, request.mutable_image());
-  wire::ToProto(query.camera, request.mutable_camera());
-  request.set_time_ns(query.time_ns);
-  if (query.prior) wire::ToProto(*query.prior, request.mutable_prior());
-  v1::LocalizeImageResponse response;
-  CAIRN_RETURN_IF_ERROR(
-      stubs_->Call([&](auto* call) { return stubs_->localize->LocalizeImage(call, request, &response); }));
-  return wire::FromProto(response);
+  return stubs_->Locate(map, query);
 }
 
 absl::StatusOr<api::AcrossAnswer> RemoteMapService::LocalizeAcross(const std::vector<std::string>& maps,
@@ -100,21 +106,28 @@ absl::StatusOr<api::AcrossAnswer> RemoteMapService::LocalizeAcross(const std::ve
 
 absl::StatusOr<std::unique_ptr<api::Tracker>> RemoteMapService::NewTracker(const std::string& map,
                                                                            const Camera& camera) {
-  if (stubs_->options.track_at == TrackAt::kServer) return NewTrackerThere(map, camera);
-  return NewTrackerHere(map, camera);
-}
-
-absl::StatusOr<std::unique_ptr<api::Tracker>> RemoteMapService::NewTrackerThere(const std::string& map,
-                                                                                const Camera& camera) {
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
-  return Guarded([&] { return ServedTracker::Start(stubs_->options, stubs_->channel, map, camera); });
+  return Guarded([&]() -> absl::StatusOr<std::unique_ptr<api::Tracker>> {
+    if (stubs_->options.track_at == TrackAt::kServer) {
+      return ServedTracker::Start(stubs_->options, stubs_->channel, map, camera);
+    }
+    CAIRN_RETURN_IF_ERROR(Annotate(camera.Validate(), "track"));  // before the map comes
+    CAIRN_ASSIGN_OR_RETURN(const api::MapDescription there, Describe(map));
+    if (there.summary.keyframes > stubs_->options.max_copied_keyframes) return NewTrackerInRegion(map, camera);
+    CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<FollowedMap> followed, CopyOf(map));
+    return LocalTracker::Open(followed->NewReader(), camera, stubs_->options.tracker);
+  });
 }
 
-absl::StatusOr<std::unique_ptr<LocalTracker>> RemoteMapService::NewTrackerHere(const std::string& map,
-                                                                               const Camera& camera) {
-  CAIRN_RETURN_IF_ERROR(Annotate(camera.Validate(), "track"));  // before the map comes
-  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<FollowedMap> followed, CopyOf(map));
-  return LocalTracker::Open(followed->NewReader(), camera, stubs_->options.tracker);
+absl::StatusOr<std::unique_ptr<api::Tracker>> RemoteMapService::NewTrackerInRegion(const std::string& map,
+                                                                                   const Camera& camera) {
+  RegionTracker::Server server;
+  server.localize = [stubs = stubs_, map](const api::LocalizeQuery& query) { return stubs->Locate(map, query); };
+  server.follow = [stubs = stubs_, map](const map::RegionQuery& region) {
+    return FollowedMap::Start(stubs->options, stubs->channel, map, region);
+  };
+  return RegionTracker::Create(std::move(server), camera, stubs_->options.tracker,
+                               stubs_->options.max_copied_keyframes);
 }
 
 absl::StatusOr<std::shared_ptr<FollowedMap>> RemoteMapService::CopyOf(const std::string& map) {

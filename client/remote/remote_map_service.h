@@ -16,7 +16,6 @@
 namespace cairn::client {
 
 class FollowedMap;
-class LocalTracker;
 
 // Where the frames of a tracker are tracked.
 enum class TrackAt {
@@ -34,6 +33,9 @@ struct RemoteOptions {
   double outage_s = 30.0;
   TrackAt track_at = TrackAt::kClient;
   LocalTrackerOptions tracker;  // of those at the client
+  // Of a larger map they keep a part with so many keyframes, around the camera (client/remote/region_tracker.h); 150 kB
+  // each, as a rule.
+  int max_copied_keyframes = 2000;
 
   // Sent with every call; empty: none. Without TLS it goes to this machine only, unless `token_in_clear`.
   std::string token;
@@ -54,12 +56,9 @@ class RemoteMapService : public api::MapService {
   absl::StatusOr<api::LocalizeAnswer> Localize(const std::string& map, const api::LocalizeQuery& query) override;
   absl::StatusOr<api::AcrossAnswer> LocalizeAcross(const std::vector<std::string>& maps,
                                                    const api::LocalizeQuery& query) override;
-  // RemoteOptions says where it tracks.
+  // RemoteOptions says where it tracks: here, in a copy of the map, of which there is one for all trackers in it
+  // (client/remote/followed_map.h), or there (client/remote/served_tracker.h).
   absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& camera) override;
-  // The two kinds of it: here, in a copy of the map, of which there is one for all trackers in it
-  // (client/remote/followed_map.h), and there (client/remote/served_tracker.h).
-  absl::StatusOr<std::unique_ptr<LocalTracker>> NewTrackerHere(const std::string& map, const Camera& camera);
-  absl::StatusOr<std::unique_ptr<api::Tracker>> NewTrackerThere(const std::string& map, const Camera& camera);
   // The copy: begun, or the one that others have already.
   absl::StatusOr<std::shared_ptr<FollowedMap>> CopyOf(const std::string& map);
   // Over a copy: the first step is all of it, unless the follower has just that.
@@ -85,8 +84,9 @@ class RemoteMapService : public api::MapService {
 
  private:
   struct Stubs;
-  explicit RemoteMapService(std::unique_ptr<Stubs> stubs);
-  const std::unique_ptr<Stubs> stubs_;
+  explicit RemoteMapService(std::shared_ptr<Stubs> stubs);
+  absl::StatusOr<std::unique_ptr<api::Tracker>> NewTrackerInRegion(const std::string& map, const Camera& camera);
+  const std::shared_ptr<Stubs> stubs_;  // trackers in a region keep it, too
 };
 
 // One map of a server.

@@ -49,6 +49,9 @@ struct RemoteMapService::Stubs {
     });
   }
 
+  // RemoteMapService::Localize().
+  absl::StatusOr<api::LocalizeAnswer> Locate(const std::string& map, const api::LocalizeQuery& query) const;
+
   const RemoteOptions options;
   const std::shared_ptr<grpc::Channel> channel;
   const std::unique_ptr<v1::Maps::Stub> maps;

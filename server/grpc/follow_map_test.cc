@@ -166,6 +166,46 @@ TEST_F(FollowMapTest, WhatWasMissedIsAskedForAlsoOfAServerThatWasRestarted) {
   EXPECT_TRUE(followed->problem().ok()) << followed->problem();
 }
 
+TEST_F(FollowMapTest, ARegionMovesAlongAndChanges) {
+  const auto around = [](std::uint32_t keyframe) {
+    map::RegionQuery region;
+    region.around = {KeyframeId(keyframe)};
+    region.max_keyframes = 3;
+    return region;
+  };
+  const client::RemoteOptions options = server_->Remote();
+  auto copy = FollowedMap::Start(options, client::NewChannel(options), "room", around(2));
+  ASSERT_TRUE(copy.ok()) << copy.status();
+  const auto keyframes = [&] {
+    std::vector<KeyframeId> ids;
+    (*copy)->view()->map().keyframes().ForEach([&](const auto& keyframe) { ids.push_back(keyframe->id); });
+    return ids;
+  };
+  const auto until = [&](const auto& done) {
+    const auto end = In(seconds(20));
+    while (!done() && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+    EXPECT_TRUE(done());
+  };
+  const map::Snapshot& map = *conformance::TheConformanceMap().snapshot;
+  EXPECT_EQ(keyframes(), map::KeyframesAround(map, around(2)));
+  const std::int64_t view_bytes = (*copy)->traffic().bytes;
+  for (const std::uint32_t keyframe : {5u, 9u, 3u}) {  // and back to what was there before
+    (*copy)->MoveTo(around(keyframe));
+    until([&] { return keyframes() == map::KeyframesAround(map, around(keyframe)); });
+    const map::Snapshot& region = (*copy)->view()->map();
+    EXPECT_TRUE(region.CheckConsistency().ok()) << region.CheckConsistency();
+    EXPECT_EQ(region.keyframe(KeyframeId(keyframe)).descriptors(), map.keyframe(KeyframeId(keyframe)).descriptors());
+    EXPECT_TRUE((*copy)->connection().connected);
+  }
+  EXPECT_EQ((*copy)->traffic().views, 1);
+  EXPECT_LT((*copy)->traffic().bytes, 5 * view_bytes);
+  ASSERT_NO_FATAL_FAILURE(Change(6));
+  ASSERT_TRUE((*copy)->WaitFor(map_->revision(), In(seconds(20))));
+  EXPECT_TRUE((*copy)->view()->map().CheckConsistency().ok());
+  EXPECT_EQ((*copy)->view()->map().keyframe(KeyframeId(3)).camera_from_map.translation(),
+            map_->keyframe(KeyframeId(3)).camera_from_map.translation());
+}
+
 TEST_F(FollowMapTest, ATrackerWorksThroughAnOutageAndSaysSo) {
   auto service = *client::RemoteMapService::Connect(server_->Remote());
   const conformance::ConformanceMap& map = conformance::TheConformanceMap();

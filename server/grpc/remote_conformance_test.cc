@@ -97,7 +97,9 @@ struct TrackerWithServer : public api::Tracker {
   std::unique_ptr<api::Tracker> tracker;
 };
 
-template <client::TrackAt kWhere, client::TrackMode kMode = client::TrackMode::kSemiDirect>
+constexpr int kFewKeyframes = 4;  // of those of the map
+
+template <client::TrackAt kWhere, client::TrackMode kMode = client::TrackMode::kSemiDirect, int kMaxKeyframes = 1000>
 absl::StatusOr<std::unique_ptr<api::Tracker>> ConnectTracker(const std::string& path, const Camera& camera) {
   const std::filesystem::path file(path);
   auto made = std::make_unique<TrackerWithServer>();
@@ -105,6 +107,7 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> ConnectTracker(const std::string& 
   client::RemoteOptions options = made->server->Remote();
   options.track_at = kWhere;
   options.tracker.mode = kMode;
+  options.max_copied_keyframes = kMaxKeyframes;
   CAIRN_ASSIGN_OR_RETURN(made->service, client::RemoteMapService::Connect(options));
   CAIRN_ASSIGN_OR_RETURN(made->tracker, made->service->NewTracker(file.stem().string(), camera));
   return made;

@@ -8,6 +8,7 @@
 
 #include "base/guarded.h"
 #include "wire/convert_deltas.h"
+#include "wire/convert_map_rows.h"
 
 namespace cairn::server {
 namespace {
@@ -29,6 +30,11 @@ class FollowCall {
     request.map_id = request_.held().map_id();
     request.revision = request_.held().revision();
     request.min_interval = std::chrono::milliseconds(request_.min_interval_ms());
+    if (request_.has_region()) {
+      CAIRN_ASSIGN_OR_RETURN(request.region, wire::FromProto(request_.region()));
+      for (const std::uint32_t id : request_.held().keyframes()) request.held.emplace_back(id);
+      if (!std::ranges::is_sorted(request.held)) return absl::InvalidArgumentError("held.keyframes: must ascend");
+    }
     CAIRN_ASSIGN_OR_RETURN(feed_, maps->Follow(request_.map(), request));
     while (!stream_.Ended()) {
       CAIRN_ASSIGN_OR_RETURN(const std::optional<api::MapStep> step, feed_->Next(kLook));
@@ -47,7 +53,7 @@ class FollowCall {
       vocabulary = feed_->Vocabulary();
       known_.push_back(hash);
     }
-    return wire::WriteUpdate(*step.map, step.rows, vocabulary,
+    return wire::WriteUpdate(*step.map, step.rows, vocabulary, step.only ? &*step.only : nullptr,
                              [&](const v1::FollowMapResponse& message) { return stream_.Write(message); });
   }
 

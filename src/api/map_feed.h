@@ -6,24 +6,29 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "base/ids.h"
 #include "base/status.h"
 #include "map/changed_rows.h"
+#include "map/region.h"
 #include "map/snapshot.h"
 
 namespace cairn::api {
 
 struct FollowRequest {
-  std::string map_id;     // of what the follower has; empty: it has nothing
-  Revision revision = 0;  // that it has
+  std::string map_id;                                     // of what the follower has; empty: it has nothing
+  Revision revision = 0;                                  // that it has
+  std::optional<map::RegionQuery> region = std::nullopt;  // none: the whole map
+  std::vector<KeyframeId> held = {};                      // of a region that the follower has, ascending
   // From one step to the next: what changes meanwhile comes as one.
   std::chrono::milliseconds min_interval{0};
 };
 
 struct MapStep {
   std::shared_ptr<const map::Snapshot> map;
-  map::ChangedRows rows;  // that lead there from the step before, or from what the follower had
+  map::ChangedRows rows;                        // that lead there from the step before, or from what the follower had
+  std::optional<std::vector<KeyframeId>> only;  // of a region, its keyframes, ascending
 };
 
 // By one thread at a time.

@@ -62,7 +62,25 @@ void WriteFeatures(const map::KeyframeFeatures& features, v1::FeaturesRow* out) 
   out->set_words(std::move(packed.words));
 }
 
-void WriteKeyframe(const map::Keyframe& keyframe, const map::ChangedKeyframe& changed, v1::KeyframeRow* out) {
+// What of a map is sent.
+struct Part {
+  const map::Snapshot& map;
+  const std::vector<KeyframeId>* only;  // null: all
+
+  bool Contains(KeyframeId id) const { return only == nullptr || std::ranges::binary_search(*only, id); }
+  const map::Keyframe* Find(KeyframeId id) const { return Contains(id) ? map.keyframes().Find(id) : nullptr; }
+  // The keyframe whose descriptor is the point's; none: no keyframe of the part observes it.
+  KeyframeId ReferenceOf(const map::MapPoint& point) const {
+    if (Contains(point.reference.keyframe)) return point.reference.keyframe;
+    for (const map::Observation& observation : point.observations) {
+      if (Contains(observation.keyframe)) return observation.keyframe;
+    }
+    return {};
+  }
+};
+
+void WriteKeyframe(const map::Keyframe& keyframe, const map::ChangedKeyframe& changed, const Part& part,
+                   v1::KeyframeRow* out) {
   out->set_id(keyframe.id.value());
   out->set_session(keyframe.session.value());
   out->set_camera(keyframe.camera.value());
@@ -72,9 +90,12 @@ void WriteKeyframe(const map::Keyframe& keyframe, const map::ChangedKeyframe& ch
   ToProto(keyframe.camera_from_map, out->mutable_camera_from_map());
   ToProto(keyframe.camera_from_direct, out->mutable_camera_from_direct());
   out->set_direct_segment(keyframe.direct_segment);
-  out->set_parent(keyframe.parent.value());
-  for (const KeyframeId child : keyframe.children) out->add_children(child.value());
+  if (keyframe.parent && part.Contains(keyframe.parent)) out->set_parent(keyframe.parent.value());
+  for (const KeyframeId child : keyframe.children) {
+    if (part.Contains(child)) out->add_children(child.value());
+  }
   for (const map::CovisibilityEdge& edge : keyframe.covisible) {
+    if (!part.Contains(edge.keyframe)) continue;
     out->add_covisible(edge.keyframe.value());
     out->add_shared_points(static_cast<std::uint32_t>(edge.shared_points));
   }
@@ -89,25 +110,28 @@ void WriteIds(const std::vector<PointId>& ids, v1::PointIds* out) {
   out->set_ids(store::PackPointIds(ids));
 }
 
-void WriteKeyframes(const map::Snapshot& map, const map::ChangedRows& rows, RowSender* sender) {
+void WriteKeyframes(const Part& part, const map::ChangedRows& rows, RowSender* sender) {
   for (const map::ChangedKeyframe& changed : rows.keyframes) {
     if (!sender->good()) return;
-    const map::Keyframe* keyframe = map.keyframes().Find(changed.id);
+    const map::Keyframe* keyframe = part.Find(changed.id);
     if (keyframe == nullptr) {
       sender->Room(8)->add_removed_keyframes(changed.id.value());
       continue;
     }
     v1::KeyframeRow row;
-    WriteKeyframe(*keyframe, changed, &row);
+    WriteKeyframe(*keyframe, changed, part, &row);
     sender->Add(std::move(row), &v1::UpdateRows::mutable_keyframes);
   }
 }
 
-void WritePoints(const map::Snapshot& map, const map::ChangedRows& rows, RowSender* sender) {
+void WritePoints(const Part& part, const map::ChangedRows& rows, RowSender* sender) {
   constexpr std::size_t kPointsPerMessage = 4096;
   constexpr std::size_t kPointBytes = 40;
   std::vector<PointId> removed, put;
-  for (const PointId id : rows.points) (map.points().Contains(id) ? put : removed).push_back(id);
+  for (const PointId id : rows.points) {
+    const map::MapPoint* point = part.map.points().Find(id);
+    (point != nullptr && part.ReferenceOf(*point) ? put : removed).push_back(id);
+  }
   for (std::size_t first = 0; first < put.size() && sender->good(); first += kPointsPerMessage) {
     const std::size_t end = std::min(put.size(), first + kPointsPerMessage);
     sender->Flush();
@@ -116,9 +140,9 @@ void WritePoints(const map::Snapshot& map, const map::ChangedRows& rows, RowSend
              out->mutable_ids());
     std::string* positions = out->mutable_positions();
     for (std::size_t i = first; i < end; ++i) {
-      const map::MapPoint& point = map.point(put[i]);
+      const map::MapPoint& point = part.map.point(put[i]);
       positions->append(reinterpret_cast<const char*>(point.position.data()), kPointPositionBytes);
-      out->add_reference_keyframes(point.reference.keyframe.value());
+      out->add_reference_keyframes(part.ReferenceOf(point).value());
       out->add_times_visible(static_cast<std::uint32_t>(point.times_visible));
       out->add_times_found(static_cast<std::uint32_t>(point.times_found));
     }
@@ -168,12 +192,13 @@ v1::FollowMapResponse BeginOf(const map::Snapshot& map, const map::ChangedRows& 
 }  // namespace
 
 bool WriteUpdate(const map::Snapshot& map, const map::ChangedRows& rows, absl::string_view vocabulary,
-                 const std::function<bool(const v1::FollowMapResponse&)>& send) {
+                 const std::vector<KeyframeId>* only, const std::function<bool(const v1::FollowMapResponse&)>& send) {
+  const Part part{map, only};
   if (!send(BeginOf(map, rows, vocabulary.size()))) return false;
   for (; !vocabulary.empty(); vocabulary.remove_prefix(std::min(vocabulary.size(), kVocabularyPartBytes))) {
-    v1::FollowMapResponse part;
-    part.set_vocabulary(std::string(vocabulary.substr(0, kVocabularyPartBytes)));
-    if (!send(part)) return false;
+    v1::FollowMapResponse message;
+    message.set_vocabulary(std::string(vocabulary.substr(0, kVocabularyPartBytes)));
+    if (!send(message)) return false;
   }
   RowSender sender(send);
   WriteTable<CameraId, map::MapCamera, v1::CameraRow>(rows.cameras, map.cameras(), &v1::UpdateRows::mutable_cameras,
@@ -189,14 +214,14 @@ bool WriteUpdate(const map::Snapshot& map, const map::ChangedRows& rows, absl::s
   WriteTable<ComponentId, map::Component, v1::ComponentRow>(rows.components, map.components(),
                                                             &v1::UpdateRows::mutable_components,
                                                             &v1::UpdateRows::add_removed_components, &sender);
-  WriteKeyframes(map, rows, &sender);
-  WritePoints(map, rows, &sender);
+  WriteKeyframes(part, rows, &sender);
+  WritePoints(part, rows, &sender);
   sender.Flush();
   if (!sender.good()) return false;
   v1::FollowMapResponse end;
   end.mutable_end()->set_rows_bytes(sender.bytes());
-  end.mutable_end()->set_keyframes(static_cast<std::int64_t>(map.keyframes().size()));
-  end.mutable_end()->set_points(static_cast<std::int64_t>(map.points().size()));
+  end.mutable_end()->set_keyframes(static_cast<std::int64_t>(only != nullptr ? only->size() : map.keyframes().size()));
+  end.mutable_end()->set_points(only != nullptr ? -1 : static_cast<std::int64_t>(map.points().size()));
   return send(end);
 }
 

@@ -23,9 +23,10 @@ inline constexpr std::size_t kUpdateMessageBytes = 256 << 10;
 inline constexpr std::size_t kPointPositionBytes = 3 * sizeof(double);  // in PointRows
 
 // Calls `send` for each message of the update that leads whoever has the map at rows.base (or nothing, if rows.whole)
-// to `map`. `vocabulary`: its bytes, if they are to be sent. False as soon as `send` is.
+// to `map`. `vocabulary`: its bytes, if they are to be sent. `only`: of a region, its keyframes, ascending; null: all.
+// False as soon as `send` is.
 bool WriteUpdate(const map::Snapshot& map, const map::ChangedRows& rows, absl::string_view vocabulary,
-                 const std::function<bool(const v1::FollowMapResponse&)>& send);
+                 const std::vector<KeyframeId>* only, const std::function<bool(const v1::FollowMapResponse&)>& send);
 
 // What an update says.
 struct MapUpdate {
@@ -33,12 +34,18 @@ struct MapUpdate {
   // `delta` is of this map: what the reader had, or an empty one if the update is whole.
   std::shared_ptr<const map::Snapshot> base;
   map::Delta delta;
-  // Of the map after it.
+  // Of the map after it; points of a region are not counted, -1.
   std::int64_t keyframes = 0;
   std::int64_t points = 0;
   std::string vocabulary;  // as it was sent; empty: it was not
   std::int64_t bytes = 0;  // of the messages, serialized
 };
+
+// Of a region: whether something comes into it whose id was given out before. No change of what is held can say so;
+// Applied() makes the map anew then, and so must everybody who makes something else of the change.
+bool NeedsRebuilding(const MapUpdate& update);
+// The map after it. Errors as Snapshot::Apply().
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> Applied(const MapUpdate& update);
 
 // Reads one update. For one thread.
 class UpdateReader {

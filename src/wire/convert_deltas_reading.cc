@@ -1,9 +1,11 @@
 // Reading updates.
+#include <algorithm>
 #include <cstring>
 #include <limits>
 #include <utility>
 
 #include "map/point_completion.h"
+#include "map/region.h"
 #include "store/blobs.h"
 #include "wire/convert.h"
 #include "wire/convert_deltas.h"
@@ -206,6 +208,31 @@ absl::Status UpdateReader::AddRemovedPoints(const v1::PointIds& ids) {
     if (update_.base->points().Contains(id)) update_.delta.removed_points.push_back(id);
   }
   return absl::OkStatus();
+}
+
+bool NeedsRebuilding(const MapUpdate& update) {
+  const map::Snapshot& base = *update.base;
+  return !update.whole && (std::ranges::any_of(update.delta.keyframes,
+                                               [&](const auto& keyframe) {
+                                                 return keyframe->id < base.next_keyframe() &&
+                                                        !base.keyframes().Contains(keyframe->id);
+                                               }) ||
+                           std::ranges::any_of(update.delta.points, [&](const auto& point) {
+                             return point->id < base.next_point() && !base.points().Contains(point->id);
+                           }));
+}
+
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> Applied(const MapUpdate& update) {
+  if (!NeedsRebuilding(update)) return update.base->Apply(update.delta);
+  const map::Delta before = map::AllOf(*update.base);
+  const auto empty = map::Snapshot::Empty(update.base->info(), before.base);
+  CAIRN_ASSIGN_OR_RETURN(map::Delta all, map::MergeDeltas(*empty, before, update.delta));
+  // The revision that it is of, however many there were between.
+  const auto anew = map::Snapshot::Empty(update.base->info(), all.revision() - 1);
+  all.base = anew->revision();
+  all.num_changes = 1;
+  all.moved_keypoints.clear();
+  return anew->Apply(all);
 }
 
 absl::StatusOr<MapUpdate> UpdateReader::Take() {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "map/region.h"
 #include "store/digest.h"
 #include "store/map_store.h"
 #include "store/testing_maps.h"
@@ -18,9 +19,10 @@ using store::testing::TestInfo;
 
 using Messages = std::vector<v1::FollowMapResponse>;
 
-Messages Written(const map::Snapshot& map, const map::ChangedRows& rows, absl::string_view vocabulary = {}) {
+Messages Written(const map::Snapshot& map, const map::ChangedRows& rows, absl::string_view vocabulary = {},
+                 const std::vector<KeyframeId>* only = nullptr) {
   Messages messages;
-  EXPECT_TRUE(WriteUpdate(map, rows, vocabulary, [&](const v1::FollowMapResponse& message) {
+  EXPECT_TRUE(WriteUpdate(map, rows, vocabulary, only, [&](const v1::FollowMapResponse& message) {
     messages.push_back(OverTheWire(message));
     return true;
   }));
@@ -39,9 +41,9 @@ absl::StatusOr<MapUpdate> ReadAll(const Messages& messages, const SnapshotPtr& h
 
 absl::StatusOr<SnapshotPtr> Followed(const Messages& messages, const SnapshotPtr& held) {
   CAIRN_ASSIGN_OR_RETURN(const MapUpdate update, ReadAll(messages, held));
-  CAIRN_ASSIGN_OR_RETURN(SnapshotPtr map, update.base->Apply(update.delta));
+  CAIRN_ASSIGN_OR_RETURN(SnapshotPtr map, Applied(update));
   if (update.keyframes != static_cast<std::int64_t>(map->keyframes().size()) ||
-      update.points != static_cast<std::int64_t>(map->points().size())) {
+      (update.points >= 0 && update.points != static_cast<std::int64_t>(map->points().size()))) {
     return absl::DataLossError("it is another map");
   }
   return map;
@@ -132,11 +134,47 @@ TEST(ConvertDeltas, MessagesAreBoundedAndTheVocabularyIsOneOfThem) {
   EXPECT_LT(change->bytes, 500 + 40 * static_cast<std::int64_t>(rows.points.size()));
 }
 
+// The region of a map around a keyframe that moves on, step by step and as a whole.
+TEST(ConvertDeltas, ARegionIsAMapByItselfThatMovesAndChanges) {
+  for (const std::uint64_t seed : {1, 2, 3}) {
+    const std::vector<SnapshotPtr> history = HistoryOf(seed, 70);
+    SnapshotPtr held;
+    std::vector<KeyframeId> had;
+    int rebuilt = 0;
+    for (std::size_t i = 10; i < history.size(); i += 1 + i % 3) {
+      const map::Snapshot& map = *history[i];
+      map::RegionQuery query;
+      query.around = {KeyframeId(static_cast<KeyframeId::Value>(1 + (i * 7) % map.keyframes().size()))};
+      query.component = ComponentId(1);
+      query.max_keyframes = 5;
+      const std::vector<KeyframeId> has = map::KeyframesAround(map, query);
+      ASSERT_FALSE(has.empty());
+      const auto whole = Followed(Written(map, map::RowsOfRegion({}, map::AllRows(map), map, has), {}, &has), nullptr);
+      ASSERT_TRUE(whole.ok()) << whole.status();
+      EXPECT_TRUE((*whole)->CheckConsistency().ok()) << (*whole)->CheckConsistency();
+      EXPECT_EQ((*whole)->keyframes().size(), has.size());
+      if (held != nullptr) {
+        const map::ChangedRows changed = map::RowsBetween(*history[held->revision()], map);
+        const Messages messages = Written(map, map::RowsOfRegion(had, changed, map, has), {}, &has);
+        const auto update = ReadAll(messages, held);
+        ASSERT_TRUE(update.ok()) << update.status();
+        rebuilt += NeedsRebuilding(*update);
+        const auto moved = Followed(messages, held);
+        ASSERT_TRUE(moved.ok()) << moved.status();
+        EXPECT_TRUE(SameBits(**moved, **whole)) << i;
+      }
+      held = *whole;
+      had = has;
+    }
+    EXPECT_GT(rebuilt, 0) << "what was there before comes into the region";
+  }
+}
+
 TEST(ConvertDeltas, WritingEndsWhenNobodyReads) {
   const SnapshotPtr map = HistoryOf(1, 30).back();
   for (int taken = 0; taken < 3; ++taken) {
     int sent = 0;
-    EXPECT_FALSE(WriteUpdate(*map, map::AllRows(*map), "vocabulary",
+    EXPECT_FALSE(WriteUpdate(*map, map::AllRows(*map), "vocabulary", nullptr,
                              [&](const v1::FollowMapResponse&) { return sent++ < taken; }));
     EXPECT_EQ(sent, taken + 1);
   }

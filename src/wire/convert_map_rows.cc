@@ -64,6 +64,26 @@ map::ClosedLoop ReadLoop(const v1::LoopRow& message) {
 
 }  // namespace
 
+void ToProto(const map::RegionQuery& region, v1::MapRegion* out) {
+  for (const KeyframeId id : region.around) out->add_around(id.value());
+  out->set_component(region.component.value());
+  Write(region.center, out->mutable_center());
+  out->set_max_keyframes(region.max_keyframes);
+}
+
+absl::StatusOr<map::RegionQuery> FromProto(const v1::MapRegion& message) {
+  constexpr int kMaxKeyframes = 100'000;
+  map::RegionQuery region;
+  for (const std::uint32_t id : message.around()) region.around.emplace_back(id);
+  region.component = ComponentId(message.component());
+  CAIRN_ASSIGN_OR_RETURN(region.center, Read(message.center()));
+  region.max_keyframes = message.max_keyframes();
+  if (region.max_keyframes < 1 || region.max_keyframes > kMaxKeyframes) {
+    return absl::InvalidArgumentError(absl::StrCat("region: max_keyframes must be 1 to ", kMaxKeyframes));
+  }
+  return region;
+}
+
 void ToProto(const map::MapInfo& info, v1::MapHead* out) {
   out->set_id(info.id);
   out->set_title(info.name);

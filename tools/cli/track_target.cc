@@ -20,24 +20,17 @@ struct TrackerAndService final : public api::Tracker {
 
 absl::StatusOr<TrackTarget> OpenTrackTarget(const ServerChoice& server, const std::string& map, const Camera& camera,
                                             const client::LocalTrackerOptions& options, bool at_server) {
-  const auto here = [](std::shared_ptr<client::LocalTracker> tracker) {
-    return TrackTarget{tracker, [tracker] { return CommonFrameOf(tracker->snapshot()); }};
-  };
   if (server.empty()) {
     CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<client::LocalTracker> tracker,
                            client::LocalTracker::Open(map, camera, options));
-    return here(std::move(tracker));
+    return TrackTarget{tracker, [tracker] { return CommonFrameOf(tracker->snapshot()); }};
   }
   CAIRN_ASSIGN_OR_RETURN(client::RemoteOptions remote, RemoteOptionsOf(server));
   remote.tracker = options;
-  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::RemoteMapService> service, client::RemoteMapService::Connect(remote));
-  if (!at_server) {
-    CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<client::LocalTracker> tracker, service->NewTrackerHere(map, camera));
-    return here(std::move(tracker));  // which needs no more of the service than it has
-  }
+  remote.track_at = at_server ? client::TrackAt::kServer : client::TrackAt::kClient;
   auto served = std::make_shared<TrackerAndService>();
-  served->service = std::move(service);
-  CAIRN_ASSIGN_OR_RETURN(served->tracker, served->service->NewTrackerThere(map, camera));
+  CAIRN_ASSIGN_OR_RETURN(served->service, client::RemoteMapService::Connect(remote));
+  CAIRN_ASSIGN_OR_RETURN(served->tracker, served->service->NewTracker(map, camera));
   return TrackTarget{served, [served, map]() -> absl::StatusOr<CommonFrame> {
                        CAIRN_ASSIGN_OR_RETURN(const api::MapDescription now, served->service->Describe(map));
                        return CommonFrameOf(now);

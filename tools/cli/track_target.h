@@ -16,7 +16,7 @@ namespace cairn::cli {
 
 struct TrackTarget {
   std::shared_ptr<api::Tracker> tracker;
-  // As the tracker's last answer saw the map; a server that tracks is asked.
+  // As the tracker's last answer saw the map; a server is asked.
   std::function<absl::StatusOr<CommonFrame>()> frame;
 };
 

@@ -19,7 +19,7 @@ from served_maps import Server  # noqa: E402
 
 SMALL = ['--image-size', 480, 360, '--focal', 315, '--rate', 15]
 SESSIONS = 8  # at the daemon that is killed
-TRACKERS = 16
+BEHIND = 100  # revisions
 TRACKER_SPEED, SESSION_SPEED = 0.25, 0.5  # of real time
 
 
@@ -71,7 +71,7 @@ class Served:
         return folder
 
     def behind(self):
-        """A copy of a map whose connection is let go of while a session extends the map, and that then catches up."""
+        """A copy of a map whose connection is let go of while sessions extend the map, and that then catches up."""
         def one():
             maps = self.served_folder('behind')
             visits = [self.visit('office', 31, k, '--duration', s, *SMALL) for k, s in ((1, 10), (2, 20))]
@@ -81,7 +81,9 @@ class Served:
             said = copy.stderr.readline()
             if 'away at revision' not in said:
                 raise Failed(said + copy.communicate()[1])
-            answer_of(begin(server, 'run', visits[1], '--map', 'office', '--extend'))
+            away = int(said.split('away at revision')[1].split(':')[0])
+            while cairn('--server', server.address, 'info', 'office')['revision'] < away + BEHIND:
+                answer_of(begin(server, 'run', visits[1], '--map', 'office', '--extend'))
             copy.stdin.write('\n')
             copy.stdin.flush()
             report = answer_of(copy)
