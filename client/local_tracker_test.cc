@@ -186,7 +186,7 @@ class LocalTrackerOfAMap : public testing::Test {
 TEST_F(LocalTrackerOfAMap, TrackersShareWhatAReaderHasLoaded) {
   const auto reader = client::MapReader::Open(path_);
   ASSERT_TRUE(reader.ok()) << reader.status();
-  const std::unique_ptr<client::MapReader> another = (*reader)->Another();
+  const std::unique_ptr<client::ViewSource> another = (*reader)->Another();
   EXPECT_EQ(another->view(), (*reader)->view());
   auto tracker = client::LocalTracker::Open((*reader)->Another(), camera_);
   ASSERT_TRUE(tracker.ok()) << tracker.status();

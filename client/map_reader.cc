@@ -73,8 +73,8 @@ absl::StatusOr<std::unique_ptr<MapReader>> MapReader::Open(const std::string& pa
   return std::unique_ptr<MapReader>(new MapReader(std::move(file), std::move(view)));
 }
 
-std::unique_ptr<MapReader> MapReader::Another() const {
-  return std::unique_ptr<MapReader>(new MapReader(file_, view_));
+std::unique_ptr<ViewSource> MapReader::Another() const {
+  return std::unique_ptr<ViewSource>(new MapReader(file_, view_));
 }
 
 absl::StatusOr<bool> MapReader::Refresh() {

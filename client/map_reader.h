@@ -19,8 +19,7 @@ class MapReader : public ViewSource {
   // FailedPrecondition if the map has no vocabulary.
   static absl::StatusOr<std::unique_ptr<MapReader>> Open(const std::string& path);
 
-  // Another one that shares the file, at the revision of this one.
-  std::unique_ptr<MapReader> Another() const;
+  std::unique_ptr<ViewSource> Another() const override;
 
   const std::shared_ptr<const tracking::MapView>& view() const override { return view_; }
 

@@ -1,4 +1,4 @@
-// Where a tracker gets the revisions of its map from: a file, or a server that is followed.
+// Where a tracker or a localizer gets the revisions of its map from: a file, or a server that is followed.
 #pragma once
 
 #include <memory>
@@ -24,6 +24,9 @@ class ViewSource {
   // Goes on to the newest revision that is known; true if it is another one. After an error, which says what keeps the
   // map from being followed, the view is still good.
   virtual absl::StatusOr<bool> Refresh() = 0;
+
+  // Another one that shares the map, at the revision of this one.
+  virtual std::unique_ptr<ViewSource> Another() const = 0;
 
   // From any thread.
   virtual MapConnection connection() const { return {}; }

@@ -1,13 +1,14 @@
 #include "client/boundary/c_structs.h"
 
 #include <chrono>
+#include <cstddef>
 
 #include "client/boundary/c_handles.h"
 
 namespace cairn::client {
 namespace {
 
-// Until a struct grows.
+// Until a struct grows; of one that has, what was added begins where it ended.
 static_assert(sizeof(void*) != 8 ||
               (sizeof(cairn_error) == kFirstSize<cairn_error> &&
                sizeof(cairn_call_options) == kFirstSize<cairn_call_options> &&
@@ -19,7 +20,7 @@ static_assert(sizeof(void*) != 8 ||
                sizeof(cairn_prior) == kFirstSize<cairn_prior> &&
                sizeof(cairn_localize_answer) == kFirstSize<cairn_localize_answer> &&
                sizeof(cairn_tracker_options) == kFirstSize<cairn_tracker_options> &&
-               sizeof(cairn_track_answer) == kFirstSize<cairn_track_answer>));
+               offsetof(cairn_track_answer, connected) == kFirstSize<cairn_track_answer>));
 
 absl::Status CheckReserved(std::int32_t reserved, absl::string_view name) {
   if (reserved == 0) return absl::OkStatus();
@@ -233,6 +234,8 @@ cairn_track_answer ToC(const v0::TrackAnswer& answer) {
   result.matched_ns = answer.matched_ns;
   result.track_ms = answer.track_ms;
   WriteString(answer.note, result.note, sizeof(result.note));
+  result.connected = answer.connected ? 1 : 0;
+  result.map_age_s = answer.map_age_s;
   return result;
 }
 

@@ -169,6 +169,8 @@ v0::TrackAnswer ToPublic(const api::TrackAnswer& answer) {
   result.inliers = answer.inliers;
   result.note = answer.note;
   result.track_ms = answer.track_ms;
+  result.connected = answer.connected;
+  result.map_age_s = answer.map_age_s;
   return result;
 }
 

@@ -2,10 +2,40 @@
 
 #include <utility>
 
+#include "absl/strings/match.h"
+#include "absl/strings/strip.h"
+#include "client/remote/followed_map.h"
+#include "client/remote/remote_map_service.h"
+
 namespace cairn::client {
+namespace {
+
+constexpr absl::string_view kServerScheme = "cairn://";
+
+// A copy of a map of a server.
+absl::StatusOr<std::unique_ptr<ViewSource>> OpenServed(absl::string_view uri) {
+  const absl::string_view where = absl::StripPrefix(uri, kServerScheme);
+  const std::size_t slash = where.rfind('/');
+  if (slash == absl::string_view::npos || slash == 0 || slash + 1 == where.size()) {
+    return absl::InvalidArgumentError(absl::StrCat(uri, ": a map of a server is named as cairn://HOST:PORT/NAME"));
+  }
+  RemoteOptions options;
+  options.server = std::string(where.substr(0, slash));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<RemoteMapService> service, RemoteMapService::Connect(options));
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<FollowedMap> copy,
+                         service->CopyOf(std::string(where.substr(slash + 1))));
+  return copy->NewReader();
+}
+
+}  // namespace
 
 absl::StatusOr<std::shared_ptr<MapState>> MapState::Open(const std::string& path,
                                                          const LocalLocalizerOptions& options) {
+  if (absl::StartsWith(path, kServerScheme)) {
+    CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<ViewSource> copy, OpenServed(path));
+    CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<LocalLocalizer> localizer, LocalLocalizer::Open(std::move(copy), options));
+    return std::shared_ptr<MapState>(new MapState(std::move(localizer)));
+  }
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<LocalLocalizer> localizer, LocalLocalizer::Open(path, options));
   return std::shared_ptr<MapState>(new MapState(std::move(localizer)));
 }
@@ -26,7 +56,7 @@ absl::StatusOr<api::LocalizeAnswer> MapState::Localize(const api::LocalizeQuery&
   return localizer_->Localize(query);
 }
 
-std::unique_ptr<MapReader> MapState::NewReader() {
+std::unique_ptr<ViewSource> MapState::NewReader() {
   const auto lock = LockToRead();
   return localizer_->NewReader();
 }

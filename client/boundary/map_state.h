@@ -10,7 +10,7 @@
 #include "api/localizer.h"
 #include "base/status.h"
 #include "client/local_localizer.h"
-#include "client/map_reader.h"
+#include "client/view_source.h"
 #include "map/snapshot.h"
 
 namespace cairn::client {
@@ -18,7 +18,8 @@ namespace cairn::client {
 // Thread-safe.
 class MapState {
  public:
-  // Errors as of LocalLocalizer::Open().
+  // `path`: a file, or "cairn://HOST:PORT/NAME", a map of a server. Errors as of LocalLocalizer::Open() and
+  // RemoteMapService::CopyOf().
   static absl::StatusOr<std::shared_ptr<MapState>> Open(const std::string& path, const LocalLocalizerOptions& options);
 
   // Waits for the readers that there are, and those that come later for it.
@@ -29,7 +30,7 @@ class MapState {
   void Read(const std::function<void(const map::Snapshot&)>& read);
 
   // For a tracker: it shares what is loaded and begins at the revision that the map is at.
-  std::unique_ptr<MapReader> NewReader();
+  std::unique_ptr<ViewSource> NewReader();
 
  private:
   explicit MapState(std::unique_ptr<LocalLocalizer> localizer) : localizer_(std::move(localizer)) {}

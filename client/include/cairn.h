@@ -284,6 +284,9 @@ typedef struct cairn_track_answer {
   char map_id[40];              /**< 32 hex digits */
   char reason[256];             /**< of CAIRN_CARRIED and CAIRN_LOST, for people */
   char note[256];               /**< what keeps the tracker from following the map; it goes on without */
+  int32_t connected;            /**< 1: to the server of the map; always for a file */
+  int32_t reserved;             /**< 0 */
+  double map_age_s;             /**< since what is known of the map was the newest for certain; 0 for a file */
 } cairn_track_answer;
 
 /** The version of the library that is loaded: "0.1.0". */
@@ -303,7 +306,8 @@ CAIRN_C_API void cairn_cancellation_cancel(cairn_cancellation* cancellation);
 /** When no call uses it any more; NULL does nothing. */
 CAIRN_C_API void cairn_cancellation_free(cairn_cancellation* cancellation);
 
-/** Loads the newest revision of the map file at `path`, as cairn::Map::Open(). */
+/** Loads the newest revision of the map file at `path`, or of a map "cairn://HOST:PORT/NAME" of a server, as
+ * cairn::Map::Open(). */
 CAIRN_C_API cairn_code cairn_map_open(const char* path, const cairn_map_options* options,
                                       const cairn_call_options* call, cairn_map** map, cairn_error* error);
 /** NULL does nothing. */

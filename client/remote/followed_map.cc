@@ -26,7 +26,8 @@ bool IsFinal(const absl::Status& status) {
 
 class FollowedMap::Reader final : public ViewSource {
  public:
-  explicit Reader(std::shared_ptr<FollowedMap> map) : map_(std::move(map)), view_(map_->view()) {}
+  Reader(std::shared_ptr<FollowedMap> map, std::shared_ptr<const tracking::MapView> view)
+      : map_(std::move(map)), view_(std::move(view)) {}
 
   const std::shared_ptr<const tracking::MapView>& view() const override { return view_; }
   absl::StatusOr<bool> Refresh() override {
@@ -36,6 +37,7 @@ class FollowedMap::Reader final : public ViewSource {
     CAIRN_RETURN_IF_ERROR(map_->problem());
     return is_new;
   }
+  std::unique_ptr<ViewSource> Another() const override { return std::make_unique<Reader>(map_, view_); }
   MapConnection connection() const override { return map_->connection(); }
 
  private:
@@ -107,7 +109,7 @@ FollowedMap::Traffic FollowedMap::traffic() const {
   return traffic_;
 }
 
-std::unique_ptr<ViewSource> FollowedMap::NewReader() { return std::make_unique<Reader>(shared_from_this()); }
+std::unique_ptr<ViewSource> FollowedMap::NewReader() { return std::make_unique<Reader>(shared_from_this(), view()); }
 
 bool FollowedMap::WaitFor(Revision revision, Clock::time_point until) const {
   std::unique_lock lock(mutex_);

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <thread>
 
+#include "cairn/map.h"
 #include "client/conformance/conformance_map.h"
 #include "client/local_tracker.h"
 #include "client/remote/followed_map.h"
@@ -204,6 +205,40 @@ TEST_F(FollowMapTest, ARegionMovesAlongAndChanges) {
   EXPECT_TRUE((*copy)->view()->map().CheckConsistency().ok());
   EXPECT_EQ((*copy)->view()->map().keyframe(KeyframeId(3)).camera_from_map.translation(),
             map_->keyframe(KeyframeId(3)).camera_from_map.translation());
+}
+
+// As a program that links the library sees it.
+TEST_F(FollowMapTest, ThePublicLibraryOpensAMapOfAServer) {
+  const std::string uri = absl::StrCat("cairn://127.0.0.1:", port_, "/room");
+  const auto map = v0::Map::Open(uri);
+  ASSERT_TRUE(map.ok()) << map.status();
+  const auto info = map->Info();
+  ASSERT_TRUE(info.ok()) << info.status();
+  EXPECT_EQ(info->id, conformance::TheConformanceMap().snapshot->info().id);
+  ASSERT_FALSE(info->cameras.empty());
+  auto tracker = map->NewTracker(info->cameras[0].camera);
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  const cv::Mat image = conformance::TheConformanceMap().room.Render(conformance::TheConformanceMap().pinhole,
+                                                                     conformance::LookInRoom({0.2, 0.0, -1.4}, 0.05));
+  const v0::ImageView view{image.data, image.cols, image.rows, static_cast<int>(image.step), v0::PixelFormat::kGray8};
+  const auto tracked = tracker->Track(view, 1'000'000'000);
+  ASSERT_TRUE(tracked.ok()) << tracked.status();
+  EXPECT_EQ(tracked->state, v0::TrackState::kLocated) << tracked->reason;
+  EXPECT_TRUE(tracked->connected);
+  EXPECT_LT(tracked->map_age_s, 60.0);
+  ASSERT_NO_FATAL_FAILURE(Change(3));
+  const auto end = In(seconds(20));
+  while (map->Info()->revision != map_->revision() && std::chrono::steady_clock::now() < end) {
+    EXPECT_TRUE(map->Refresh().ok());
+  }
+  EXPECT_EQ(map->Info()->revision, map_->revision());
+  EXPECT_TRUE(absl::IsNotFound(v0::Map::Open(absl::StrCat("cairn://127.0.0.1:", port_, "/kitchen")).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(v0::Map::Open("cairn://room").status()));
+  server_.reset();
+  const auto refreshed = map->Refresh();
+  EXPECT_TRUE(refreshed.ok() || absl::IsUnavailable(refreshed.status())) << refreshed.status();
+  EXPECT_TRUE(absl::IsUnavailable(v0::Map::Open(uri).status()));
+  EXPECT_TRUE(map->Info().ok()) << "what is known is good";
 }
 
 TEST_F(FollowMapTest, ATrackerWorksThroughAnOutageAndSaysSo) {

@@ -109,7 +109,7 @@ absl::StatusOr<std::shared_ptr<const tracking::MapView>> HostedMap::View() {
   return Keep(reader_->view());
 }
 
-absl::StatusOr<std::unique_ptr<client::MapReader>> HostedMap::NewReader() {
+absl::StatusOr<std::unique_ptr<client::ViewSource>> HostedMap::NewReader() {
   const std::lock_guard reading(reading_);
   if (reader_ != nullptr) return reader_->Another();
   return client::MapReader::Open(uri_);

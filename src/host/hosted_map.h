@@ -33,7 +33,7 @@ class HostedMap {
   std::shared_ptr<const tracking::MapView> Known() const;
 
   // Another reader of the map, for a tracker: it shares what is in memory as long as the map is only read here.
-  absl::StatusOr<std::unique_ptr<client::MapReader>> NewReader();
+  absl::StatusOr<std::unique_ptr<client::ViewSource>> NewReader();
 
   // The head of the map, for sessions: one for all of them, closed when the last one lets go of it.
   absl::StatusOr<std::shared_ptr<engine::LiveMap>> Write();

@@ -313,7 +313,7 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> MapHost::NewTracker(const std::str
     const auto open = [&]() -> absl::StatusOr<std::unique_ptr<api::Tracker>> {
       CAIRN_RETURN_IF_ERROR(ViewOf(map).status());  // the file that lies there now
       CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<HostedMap> hosted, Use(map));
-      CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::MapReader> reader, hosted->NewReader());
+      CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::ViewSource> reader, hosted->NewReader());
       return client::LocalTracker::Open(std::move(reader), camera, options_.tracker);
     };
     absl::StatusOr<std::unique_ptr<api::Tracker>> tracker = open();

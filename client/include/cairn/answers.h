@@ -112,8 +112,11 @@ struct TrackAnswer {
   std::uint64_t revision = 0;   ///< of the map that the pose is from
   std::int64_t matched_ns = 0;  ///< time of the last image that was matched against the map; 0: none yet
   int inliers = 0;              ///< points of the map that were matched in it
-  std::string note;       ///< what keeps the tracker from following the map (removed, damaged); it goes on without
+  std::string note;       ///< what keeps the tracker from following the map (removed, no server); it goes on without
   double track_ms = 0.0;  ///< time that the call took
+  /// To the server of the map; a file is always within reach. Without it what is known of the map goes on to answer.
+  bool connected = true;
+  double map_age_s = 0.0;  ///< since what is known of the map was the newest for certain; 0 for a file
 };
 
 CAIRN_END_NAMESPACE

@@ -64,9 +64,11 @@ struct MapInfo {
 class CAIRN_API Map {
  public:
   /// Loads the newest revision of the map file at `path`; it may lie on a read-only medium, and another process may be
-  /// writing it. All that is needed is in the file. Errors: kNotFound, kInvalidArgument (no map, or options),
-  /// kDataLoss, kUnimplemented (a newer version), kFailedPrecondition (no vocabulary, a foreign log beside it),
-  /// kPermissionDenied, kResourceExhausted, kDeadlineExceeded, kCancelled.
+  /// writing it. All that is needed is in the file. "cairn://HOST:PORT/NAME" is a map of a server (cairnd): a copy of
+  /// it is kept, and follows what changes there; while the server is out of reach, what is known answers. Errors:
+  /// kNotFound, kInvalidArgument (no map, or options), kDataLoss, kUnimplemented (a newer version), kFailedPrecondition
+  /// (no vocabulary, a foreign log beside it), kPermissionDenied, kResourceExhausted, kUnavailable (no server),
+  /// kDeadlineExceeded, kCancelled.
   static absl::StatusOr<Map> Open(const std::string& path, const MapOptions& options = {},
                                   const CallOptions& call = {}) noexcept;
 
