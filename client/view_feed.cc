@@ -58,6 +58,7 @@ absl::StatusOr<std::optional<api::MapStep>> ViewFeed::Next(std::chrono::millisec
       sent_at_ = Clock::now();
       return step;
     }
+    sent_ = std::move(newest);  // the same revision may have been loaded anew: one of the two is enough
     if (Clock::now() >= until) return std::nullopt;
     source_.wait(sent_->revision(), until);
   }

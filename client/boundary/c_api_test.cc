@@ -245,6 +245,8 @@ TEST(CStructs, TheTrackAnswerLosesNothing) {
   answer.matched_ns = 8;
   answer.inliers = 9;
   answer.track_ms = 10.0;
+  answer.connected = false;
+  answer.map_age_s = 11.0;
   const cairn_track_answer c = client::ToC(answer);
   EXPECT_EQ(c.time_ns, 1);
   EXPECT_EQ(c.state, CAIRN_CARRIED);
@@ -263,6 +265,8 @@ TEST(CStructs, TheTrackAnswerLosesNothing) {
   EXPECT_EQ(c.matched_ns, 8);
   EXPECT_EQ(c.inliers, 9);
   EXPECT_EQ(c.track_ms, 10.0);
+  EXPECT_EQ(c.connected, 0);
+  EXPECT_EQ(c.map_age_s, 11.0);
 }
 
 }  // namespace
