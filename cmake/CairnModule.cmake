@@ -9,6 +9,13 @@ if(CAIRN_SANITIZE)
   target_link_options(cairn_options INTERFACE -fsanitize=${CAIRN_SANITIZE})
 endif()
 
+if(CAIRN_FUZZ)
+  # Warnings are g++'s business.
+  set(fuzz_sanitizers -fsanitize=address,undefined -fno-sanitize-recover=undefined)
+  target_compile_options(cairn_options INTERFACE -w ${fuzz_sanitizers} -fsanitize=fuzzer-no-link -fno-omit-frame-pointer)
+  target_link_options(cairn_options INTERFACE ${fuzz_sanitizers})
+endif()
+
 include(${CMAKE_CURRENT_LIST_DIR}/PrecompiledHeaders.cmake)
 
 # cairn_module(NAME DEPENDS cairn::other library ... [PRIVATE_DEPENDS ...] [TEST_DEPENDS ...])
