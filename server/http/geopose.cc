@@ -144,6 +144,54 @@ std::string AnswerText(const GeoPoseRequest& request, const map::GeoPose& pose, 
   return answer.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
+// The one that is configured, or all.
+absl::StatusOr<std::vector<api::MapSummary>> MapsToAsk(const CallContext& context, absl::string_view only) {
+  if (only.empty()) return context.maps->List();
+  CAIRN_ASSIGN_OR_RETURN(const api::MapDescription map, context.maps->Describe(std::string(only)));
+  return std::vector<api::MapSummary>{map.summary};
+}
+
+// An answer of a map, on the earth.
+struct Placed {
+  map::GeoPose pose;
+  GeoPoseAccuracy accuracy;
+};
+
+std::optional<Placed> PlacedBy(const api::AnswerOfMap& answer, const std::vector<api::MapSummary>& maps) {
+  const auto map = std::ranges::find(maps, answer.map, &api::MapSummary::name);
+  if (!answer.answer.localized || !answer.answer.world_is_metric || map == maps.end()) return std::nullopt;
+  return Placed{map::GeoPoseOf(*map->geo_anchor, answer.answer.world_from_camera), AccuracyOf(answer.answer)};
+}
+
+// Maps of one area overlap: those that put the camera at the same place do not contradict each other.
+bool Agree(const Placed& a, const Placed& b) {
+  constexpr double kAlways_m = 1.0;  // anchors are hardly better
+  const double distance_m = (EcefFromGeodetic(a.pose.position) - EcefFromGeodetic(b.pose.position)).norm();
+  return distance_m <= kAlways_m + 3.0 * (a.accuracy.position_m + b.accuracy.position_m);
+}
+
+// The best answer, unless another map contradicts it; NotFound says why there is none.
+absl::StatusOr<Placed> Judge(const api::AcrossAnswer& across, const std::vector<api::MapSummary>& maps) {
+  const api::AnswerOfMap& best = across.answers.at(0);
+  if (!best.answer.localized) {
+    return absl::NotFoundError(absl::StrCat("geopose: the camera was not found: ",
+                                            best.status.ok() ? best.answer.reason : best.status.message()));
+  }
+  const std::optional<Placed> placed = PlacedBy(best, maps);
+  if (!placed) {
+    return absl::NotFoundError("geopose: the camera was found in a part of the map whose place is not known");
+  }
+  if (!across.ambiguous) return *placed;
+  for (const api::AnswerOfMap& other : across.answers) {
+    const std::optional<Placed> elsewhere = PlacedBy(other, maps);
+    if (elsewhere && api::AreRivals(best.answer, other.answer) && !Agree(*placed, *elsewhere)) {
+      return absl::NotFoundError(absl::StrCat("geopose: the image fits the maps ", best.map, " and ", other.map,
+                                              " about as well, at different places"));
+    }
+  }
+  return *placed;
+}
+
 absl::StatusOr<std::string> Find(const CallContext& context, const HttpRequest& http, absl::string_view only) {
   CAIRN_RETURN_IF_ERROR(CheckGeoPoseVersion(http.accept));
   CAIRN_ASSIGN_OR_RETURN(const GeoPoseRequest request, ReadGeoPoseRequest(http.body));
@@ -151,22 +199,14 @@ absl::StatusOr<std::string> Find(const CallContext& context, const HttpRequest& 
   query.camera = request.camera;
   CAIRN_RETURN_IF_ERROR(Annotate(query.camera.Validate(), "geopose"));
   CAIRN_ASSIGN_OR_RETURN(query.image, GrayImageOf(request.image, query.camera, context.images));
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<api::MapSummary> maps, context.maps->List());
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<std::string> near, MapsNear(maps, request, only));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<api::MapSummary> maps, MapsToAsk(context, only));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<std::string> near, MapsNear(maps, request));
   CAIRN_ASSIGN_OR_RETURN(const api::AcrossAnswer across, context.maps->LocalizeAcross(near, query));
-  if (context.observer != nullptr && !across.answers.empty()) context.observer->OnLocalized(across.answers[0].answer);
-  const api::LocalizeAnswer* located = across.located();
-  if (located == nullptr) {
-    if (across.ambiguous) return absl::NotFoundError("geopose: the image fits several maps about as well");
-    const api::AnswerOfMap& best = across.answers.at(0);
-    return absl::NotFoundError(absl::StrCat("geopose: the camera was not found: ",
-                                            best.status.ok() ? best.answer.reason : best.status.message()));
+  if (context.observer != nullptr && !across.answers.empty() && across.answers[0].status.ok()) {
+    context.observer->OnLocalized(across.answers[0].answer);
   }
-  if (!located->world_is_metric) {
-    return absl::NotFoundError("geopose: the camera was found in a part of the map whose place is not known");
-  }
-  const auto map = std::ranges::find(maps, across.map, &api::MapSummary::name);
-  return AnswerText(request, map::GeoPoseOf(*map->geo_anchor, located->world_from_camera), AccuracyOf(*located));
+  CAIRN_ASSIGN_OR_RETURN(const Placed placed, Judge(across, maps));
+  return AnswerText(request, placed.pose, placed.accuracy);
 }
 
 }  // namespace
@@ -226,7 +266,7 @@ GeoPoseAccuracy AccuracyOf(const api::LocatedPose& located) {
 }
 
 absl::StatusOr<std::vector<std::string>> MapsNear(const std::vector<api::MapSummary>& maps,
-                                                  const GeoPoseRequest& request, absl::string_view only) {
+                                                  const GeoPoseRequest& request) {
   // A map reaches as far from its anchor as somebody has walked, and a prior may be of a cell of a phone network.
   constexpr double kReach_m = 5000.0;
   constexpr std::size_t kMaxMaps = 8;
@@ -236,7 +276,7 @@ absl::StatusOr<std::vector<std::string>> MapsNear(const std::vector<api::MapSumm
   };
   std::vector<Candidate> candidates;
   for (const api::MapSummary& map : maps) {
-    if (!map.geo_anchor || (!only.empty() && map.name != only)) continue;
+    if (!map.geo_anchor) continue;
     double distance_m = 0.0;
     if (request.prior) {
       distance_m = (EcefFromGeodetic(*request.prior) - EcefFromGeodetic(map::PositionOf(*map.geo_anchor))).norm();

@@ -47,13 +47,13 @@ absl::StatusOr<GeoPoseRequest> ReadGeoPoseRequest(const std::string& body);
 // Of one that is located, in a component that is aligned.
 GeoPoseAccuracy AccuracyOf(const api::LocatedPose& located);
 
-// The names of the maps to ask, nearest first: those with an anchor, of which the prior position must be near; `only`
-// this one, unless it is empty. NotFound if there is none.
+// The names of the maps to ask, nearest first: those with an anchor, of which the prior position must be near. NotFound
+// if there is none.
 absl::StatusOr<std::vector<std::string>> MapsNear(const std::vector<api::MapSummary>& maps,
-                                                  const GeoPoseRequest& request, absl::string_view only = "");
+                                                  const GeoPoseRequest& request);
 
-// The whole exchange: 200 with the answer, 400 for what makes no sense, 404 where the camera was not found. `only`: as
-// of MapsNear().
+// The whole exchange: 200 with the answer, 400 for what makes no sense, 404 where the camera was not found. `only`: the
+// map that is asked; empty: those near the position that the request names.
 HttpResponse AnswerGeoPose(const CallContext& server, const Caller& caller, const HttpRequest& http,
                            absl::string_view only = "");
 

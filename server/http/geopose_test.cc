@@ -12,6 +12,7 @@
 #include "client/conformance/conformance_map.h"
 #include "host/map_host.h"
 #include "io/image_codecs.h"
+#include "store/sqlite_map_store.h"
 
 namespace cairn::server {
 namespace {
@@ -176,6 +177,37 @@ TEST_F(GeoPoseTest, OnlyMapsNearAPriorPositionAreAsked) {
   EXPECT_EQ(Post(request).status, 400);
 }
 
+// Two maps of one room that do not know of each other.
+TEST_F(GeoPoseTest, OverlappingMapsMustAgree) {
+  const conformance::ConformanceMap& map = conformance::TheConformanceMap();
+  map::MapInfo info = map.snapshot->info();
+  info.id = std::string(32, 'a');
+  {
+    store::CreateOptions options;
+    options.vocabulary = map.vocabulary;
+    const auto other = store::SqliteMapStore::Create(directory_ + "/other.cairn", info, options);
+    ASSERT_TRUE(other.ok()) << other.status();
+    map::Delta delta = map.delta;
+    delta.info.reset();
+    ASSERT_TRUE((*other)->Commit(delta).ok());
+    ASSERT_TRUE((*other)->Close().ok());
+  }
+  Place("room", Anchor());
+  map::GeoAnchor close = Anchor();
+  close.height_m += 0.3;
+  Place("other", close);
+  EXPECT_EQ(Post(Request()).status, 200) << "as well as anchors are known";
+  api::AlignRequest elsewhere;
+  close.height_m += 30.0;
+  elsewhere.by = close;
+  elsewhere.overwrite = true;
+  ASSERT_TRUE(host_->Align("other", elsewhere).ok());
+  const HttpResponse contradicted = Post(Request());
+  EXPECT_EQ(contradicted.status, 404);
+  EXPECT_THAT(MessageOf(contradicted), HasSubstr("at different places"));
+  EXPECT_EQ(Post(Request(), kAccept, "other").status, 200) << "one alone is asked";
+}
+
 TEST_F(GeoPoseTest, NearestMapsFirst) {
   const auto at = [](const std::string& name, double latitude) {
     api::MapSummary map;
@@ -190,8 +222,7 @@ TEST_F(GeoPoseTest, NearestMapsFirst) {
   EXPECT_THAT(*MapsNear(maps, request), testing::ElementsAre("a", "b", "c", "d"));
   request.prior = GeoPosition{60.0, 25.0, 0.0};
   EXPECT_THAT(*MapsNear(maps, request), testing::ElementsAre("b", "c", "a"));
-  EXPECT_THAT(*MapsNear(maps, request, "c"), testing::ElementsAre("c"));
-  EXPECT_EQ(MapsNear(maps, request, "unplaced").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(MapsNear({unplaced}, request).status().code(), absl::StatusCode::kNotFound);
 }
 
 TEST_F(GeoPoseTest, RawImages) {
@@ -237,9 +268,12 @@ TEST_F(GeoPoseTest, BadRequestsSayWhatIsWrong) {
   refused([](json* r) { Reading(r)["params"]["model"] = "UNKNOWN"; }, "UNKNOWN");
   refused([](json* r) { Reading(r)["params"]["modelParams"] = {1, 2}; }, "4 numbers");
   refused([](json* r) { Reading(r)["params"]["modelParams"][0] = -5; }, "focal");
-  HttpRequest no_json{"POST", "/geopose", "application/json", "{"};
-  no_json.accept = kAccept;
-  EXPECT_EQ(AnswerGeoPose({host_.get(), {}}, {}, no_json).status, 400);
+  for (const std::string& body :
+       {std::string("{"), std::string(1 << 20, '['), std::string("\"\xff\""), std::string()}) {
+    HttpRequest no_json{"POST", "/geopose", "application/json", body};
+    no_json.accept = kAccept;
+    EXPECT_EQ(AnswerGeoPose({host_.get(), {}}, {}, no_json).status, 400);
+  }
 }
 
 }  // namespace

@@ -58,6 +58,19 @@ api::DurationHistogram HistogramOf(const prometheus::ClientMetric& metric) {
   return histogram;
 }
 
+// Calls that locate an image, whichever way they come in.
+bool Locates(const std::string& call) {
+  return call == "Localize.LocalizeImage" || call == "Localize.LocalizeInMaps" || call == "GeoPose";
+}
+
+// Both of the same buckets, or `sum` empty.
+void Add(const api::DurationHistogram& more, api::DurationHistogram* sum) {
+  sum->bounds_s = more.bounds_s;
+  sum->counts.resize(more.counts.size());
+  for (std::size_t i = 0; i < more.counts.size(); ++i) sum->counts[i] += more.counts[i];
+  sum->sum_s += more.sum_s;
+}
+
 void AddFamily(const prometheus::MetricFamily& family, api::ServerStatus* status) {
   if (family.name == "cairn_calls_total") {
     for (const prometheus::ClientMetric& metric : family.metric) {
@@ -76,7 +89,7 @@ void AddFamily(const prometheus::MetricFamily& family, api::ServerStatus* status
     status->session_frame = HistogramOf(family.metric.at(0));
   } else if (family.name == "cairn_call_seconds") {
     for (const prometheus::ClientMetric& metric : family.metric) {
-      if (LabelOf(metric, "call") == "Localize.LocalizeImage") status->localize = HistogramOf(metric);
+      if (Locates(LabelOf(metric, "call"))) Add(HistogramOf(metric), &status->localize);
     }
   }
 }

@@ -13,7 +13,9 @@ absl::Status LocalizeInMaps(const CallContext& context, const v1::LocalizeInMaps
   CAIRN_ASSIGN_OR_RETURN(query.image, GrayImageOf(request.image(), query.camera, context.images));
   query.time_ns = request.time_ns();
   CAIRN_ASSIGN_OR_RETURN(const api::AcrossAnswer across, context.maps->LocalizeAcross(maps, query));
-  if (context.observer != nullptr && !across.answers.empty()) context.observer->OnLocalized(across.answers[0].answer);
+  if (context.observer != nullptr && !across.answers.empty() && across.answers[0].status.ok()) {
+    context.observer->OnLocalized(across.answers[0].answer);
+  }
   wire::ToProto(across, response);
   return absl::OkStatus();
 }

@@ -30,7 +30,10 @@ struct AcrossAnswer {
   const LocalizeAnswer* located() const { return map.empty() ? nullptr : &answers.front().answer; }
 };
 
-// The one that located the image with most inliers, unless another map (of another id) has half as many.
+// Whether an answer of another map (of another id) speaks against the best one: it has half as many inliers.
+bool AreRivals(const LocalizeAnswer& best, const LocalizeAnswer& other);
+
+// The one that located the image with most inliers, unless it has rivals.
 AcrossAnswer JudgeAcross(std::vector<AnswerOfMap> answers);
 
 }  // namespace cairn::api

@@ -219,9 +219,7 @@ absl::Status MapHost::Told(const absl::Status& status) const {
 
 absl::StatusOr<api::MapSummary> MapHost::Summarize(const std::string& map) {
   CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
-                         store::OpenMapStore(path, store::OpenMode::kRead));
-  CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, store->ReadSummary());
+  CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, summaries_.Read(path));
   return SummaryOf(map, summary);
 }
 

@@ -21,6 +21,7 @@
 #include "host/trash.h"
 #include "host/work_gate.h"
 #include "place/vocabulary.h"
+#include "store/summary_cache.h"
 
 namespace cairn::host {
 
@@ -132,6 +133,7 @@ class MapHost : public api::MapService {
   WorkGate gate_;
   client::ViewLocalizer localizer_;
   const Trash trash_;
+  store::SummaryCache summaries_;
   std::atomic<int> scratch_files_ = 0;  // made so far
 
   std::mutex vocabulary_mutex_;
