@@ -67,8 +67,11 @@ absl::StatusOr<std::string> MapHost::Delete(const std::string& map) {
     const std::lock_guard lock(slot->mutex);
     if (slot->map != nullptr && slot->map->writing()) {
       const auto sessions = Sessions(map);
+      if (!sessions.ok() || sessions->empty()) {
+        return store::MakeFault(store::Fault::kBusy, absl::StrCat("map \"", map, "\" is being changed: try again"));
+      }
       return absl::FailedPreconditionError(
-          absl::StrCat("map \"", map, "\" is being extended by ", sessions.ok() ? sessions->size() : 0,
+          absl::StrCat("map \"", map, "\" is being extended by ", sessions->size(),
                        " session(s): let them end first, or wait until those whose clients are gone are finished"));
     }
     CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
