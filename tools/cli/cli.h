@@ -25,6 +25,7 @@ void AddLocalizeCommand(CLI::App& app, Action* action);
 void AddTrackCommand(CLI::App& app, Action* action);
 void AddInfoCommand(CLI::App& app, Action* action);
 void AddLsCommand(CLI::App& app, Action* action);
+void AddExportCommand(CLI::App& app, Action* action);
 void AddAlignCommand(CLI::App& app, Action* action);
 void AddLogCommand(CLI::App& app, Action* action);
 void AddSnapshotCommand(CLI::App& app, Action* action);

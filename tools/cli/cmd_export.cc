@@ -4,7 +4,9 @@
 #include <memory>
 #include <optional>
 
+#include "absl/strings/str_join.h"
 #include "cli/cli.h"
+#include "cli/export_model.h"
 #include "cli/export_served.h"
 #include "cli/server_option.h"
 #include "host/export.h"
@@ -41,30 +43,67 @@ absl::Status Export(const ExportOptions& options, api::ExportContent content) {
   return absl::OkStatus();
 }
 
+// What a server can make, too, is made in the same way here; everything else is a model of another program.
+bool IsModel(const ModelExport& model) {
+  return !model.format.empty() || !model.images.empty() || model.component != 0 || !ContentOfFile(model.out);
+}
+
+int ExportFile(const ExportOptions& options, ModelExport model) {
+  model.map = options.map;
+  model.out = options.out;
+  model.overwrite = options.overwrite;
+  model.json = options.json;
+  const bool is_model = IsModel(model);
+  if (is_model && model.format.empty()) model.format = FormatOfName(model.out);
+  if (is_model && model.format.empty()) {
+    return FailUsage("export",
+                     absl::StrCat("the ending of OUT is not known (.cairn, .txt, .tum, .ply, .csv, .g2o, .json): say "
+                                  "--format ",
+                                  absl::StrJoin(ModelFormats(), "|")),
+                     options.json);
+  }
+  if (is_model && !options.server.empty()) {
+    return FailUsage("export", "of a server: OUT ends with .cairn, .txt, .tum or .ply, without --format and --images",
+                     options.json);
+  }
+  const absl::Status status = is_model ? ExportModel(model) : Export(options, *ContentOfFile(options.out));
+  return status.ok() ? static_cast<int>(kOk) : Fail("export", status, options.json);
+}
+
 }  // namespace
 
 void AddExportCommand(CLI::App& app, Action* action) {
-  CLI::App* verb = app.add_subcommand("export", "Make a file from a map for other programs");
+  CLI::App* verb = app.add_subcommand("export", "Make files from a map for other programs");
   auto options = std::make_shared<ExportOptions>();
+  auto model = std::make_shared<ModelExport>();
   verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
-  verb->add_option("FILE", options->out,
-                   "What to make: .cairn the map itself, .txt or .tum the poses of its keyframes, .ply its points")
+  verb->add_option(
+          "OUT", options->out,
+          "What to make: .cairn the map itself, .txt or .tum the poses of its keyframes, .ply its points, .csv, "
+          ".g2o, .json; a folder for colmap and nerfstudio")
       ->required();
-  verb->add_flag("--overwrite", options->overwrite, "Replace the file if it exists");
+  verb->add_option("--format", model->format, "If the name of OUT does not tell it")
+      ->check(CLI::IsMember(ModelFormats()));
+  verb->add_option("--images", model->images,
+                   "The sequence that was mapped: undistorted images of its keyframes into OUT/images, gray values for "
+                   "points");
+  verb->add_option("--camera", model->camera, "Calibration of that sequence, if it has none of its own");
+  verb->add_option("--component", model->component, "Only this one; else all that are aligned, or the largest");
+  verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
       "Poses and points are in the world frame, in metres, once the map is aligned (cairn align).\n"
+      "colmap, colmap-text: cameras, images, points3D; pixel centres at halves, as COLMAP has them.\n"
+      "nerfstudio: transforms.json. tum, kitti (and times.txt), euroc: poses of the cameras of the keyframes.\n"
+      "g2o: keyframes and what links them. ply: points. json: all of it.\n"
+      "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged, 5 version.\n"
       "Examples:\n"
       "  cairn export office.cairn office.ply\n"
+      "  cairn export office.cairn model --format colmap --images office\n"
       "  cairn --server localhost:7878 export office office.cairn");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
-    *action = [=] {
-      const std::optional<api::ExportContent> content = ContentOfFile(options->out);
-      if (!content) return FailUsage("export", "FILE ends with .cairn, .txt, .tum or .ply", options->json);
-      const absl::Status status = Export(*options, *content);
-      return status.ok() ? static_cast<int>(kOk) : Fail("export", status, options->json);
-    };
+    *action = [=] { return ExportFile(*options, *model); };
   });
 }
 

@@ -131,6 +131,7 @@ int ParseAndRun(Call* call) {
   AddTrackCommand(app, &action);
   AddInfoCommand(app, &action);
   AddLsCommand(app, &action);
+  AddExportCommand(app, &action);
   AddAlignCommand(app, &action);
   AddLogCommand(app, &action);
   AddSnapshotCommand(app, &action);

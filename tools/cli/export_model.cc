@@ -1,0 +1,158 @@
+#include "cli/export_model.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <functional>
+#include <map>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "base/files.h"
+#include "cli/cli.h"
+#include "exchange/colmap.h"
+#include "exchange/formats.h"
+#include "exchange/model_images.h"
+#include "io/ply.h"
+#include "store/map_store.h"
+
+namespace cairn::cli {
+namespace {
+
+using exchange::Reconstruction;
+
+struct Source {
+  const map::Snapshot& map;
+  const Reconstruction& model;
+  const ModelExport& options;
+};
+
+absl::Status WriteText(const ModelExport& options, const std::string& text) {
+  return WriteFileAtomically(options.out, text, options.overwrite);
+}
+
+absl::Status WriteKitti(const Source& source) {
+  const auto poses = exchange::Trajectory(source.model);
+  const auto folder = std::filesystem::path(source.options.out).parent_path();
+  const std::string times = (folder / "times.txt").string();
+  CAIRN_RETURN_IF_ERROR(WriteText(source.options, exchange::KittiText(poses)));
+  return WriteFileAtomically(times, exchange::KittiTimesText(poses), source.options.overwrite);
+}
+
+absl::Status WritePoints(const Source& source) {
+  std::vector<io::ColoredPoint> points;
+  for (const exchange::ModelPoint& point : source.model.points) {
+    points.push_back({point.position, point.red, point.green, point.blue});
+  }
+  return io::WritePly(source.options.out, points, source.options.overwrite);
+}
+
+absl::Status WriteNerfstudio(const Source& source) {
+  std::error_code error;
+  std::filesystem::create_directories(source.options.out, error);
+  return WriteFileAtomically(source.options.out + "/transforms.json", exchange::TransformsJson(source.model),
+                             source.options.overwrite);
+}
+
+using Writer = std::function<absl::Status(const Source&)>;
+const std::map<std::string, Writer>& Writers() {
+  static const auto* writers = new std::map<std::string, Writer>{
+      {"colmap",
+       [](const Source& s) {
+         return exchange::WriteColmap(s.model, s.options.out, exchange::ColmapFormat::kBinary, s.options.overwrite);
+       }},
+      {"colmap-text",
+       [](const Source& s) {
+         return exchange::WriteColmap(s.model, s.options.out, exchange::ColmapFormat::kText, s.options.overwrite);
+       }},
+      {"nerfstudio", WriteNerfstudio},
+      {"tum",
+       [](const Source& s) { return WriteText(s.options, io::FormatTumTrajectory(exchange::Trajectory(s.model))); }},
+      {"kitti", WriteKitti},
+      {"euroc",
+       [](const Source& s) { return WriteText(s.options, exchange::EurocText(exchange::Trajectory(s.model))); }},
+      {"g2o", [](const Source& s) { return WriteText(s.options, exchange::G2oText(s.model, s.map)); }},
+      {"ply", WritePoints},
+      {"json", [](const Source& s) { return WriteText(s.options, exchange::ModelJson(s.model)); }}};
+  return *writers;
+}
+
+bool IsFolder(const std::string& format) { return absl::StartsWith(format, "colmap") || format == "nerfstudio"; }
+
+// The images of the keyframes, and gray values for the points; how many images there were.
+absl::StatusOr<std::size_t> AddImages(const ModelExport& options, const map::Snapshot& map, Reconstruction* model) {
+  InputOptions input;
+  input.sequence = options.images;
+  input.open.camera_path = options.camera;
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(input, "export"));
+  const std::string folder = IsFolder(options.format) ? options.out + "/images" : "";
+  CAIRN_ASSIGN_OR_RETURN(exchange::ModelImages images,
+                         exchange::ModelImages::Create(map, *model, source->info().name, folder, options.overwrite));
+  SkippedFrames skipped("export", options.json);
+  while (images.num_written() < images.num_images()) {
+    CAIRN_ASSIGN_OR_RETURN(const std::optional<io::SourceFrame> frame, source->Next());
+    if (!frame) break;
+    if (!frame->status.ok()) {
+      skipped.Add(frame->path, frame->status);
+      continue;
+    }
+    CAIRN_RETURN_IF_ERROR(Annotate(images.Add(frame->time_ns, frame->gray).status(), frame->path));
+  }
+  images.ColorPoints(model);
+  return images.num_written();
+}
+
+}  // namespace
+
+std::vector<std::string> ModelFormats() {
+  std::vector<std::string> names;
+  for (const auto& [name, writer] : Writers()) names.push_back(name);
+  return names;
+}
+
+std::string FormatOfName(const std::string& path) {
+  static const auto* endings = new std::map<std::string, std::string>{
+      {"", "colmap"},    {".ply", "ply"}, {".txt", "tum"},   {".tum", "tum"},
+      {".csv", "euroc"}, {".g2o", "g2o"}, {".json", "json"}, {".kitti", "kitti"}};
+  const auto found = endings->find(absl::AsciiStrToLower(std::filesystem::path(path).extension().string()));
+  return found == endings->end() ? "" : found->second;
+}
+
+absl::Status ExportModel(const ModelExport& options) {
+  if (!IsFolder(options.format)) CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out}, {options.map, options.camera}));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
+                         store::OpenMapStore(options.map, store::OpenMode::kRead));
+  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
+  auto made = exchange::FromMap(*map, ComponentId(options.component));
+  if (!made.ok()) return Annotate(made.status(), options.map);
+  Reconstruction& model = *made;
+  std::size_t images = 0;
+  if (!options.images.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(images, AddImages(options, *map, &model));
+  }
+  CAIRN_RETURN_IF_ERROR(Writers().at(options.format)({*map, model, options}));
+  const exchange::ModelErrors errors = exchange::MeasureErrors(model);
+  if (options.json) {
+    nlohmann::ordered_json json = {
+        {"map", options.map}, {"revision", map->revision()}, {"format", options.format}, {"out", options.out}};
+    AddFrameAndUnit(model.metric, &json);
+    json.update({{"cameras", model.cameras.size()},
+                 {"keyframes", model.images.size()},
+                 {"points", model.points.size()},
+                 {"observations", errors.observations},
+                 {"images_written", images},
+                 {"error_rms_px", errors.rms_px},
+                 {"error_mean_px", errors.mean_px},
+                 {"error_mean_of_points_px", errors.mean_of_points_px}});
+    PrintJson(json);
+  } else {
+    std::printf("%s: %s of %zu keyframes and %zu points, in %s\n", options.out.c_str(), options.format.c_str(),
+                model.images.size(), model.points.size(), model.metric ? "the world, metres" : "map units");
+    if (!options.images.empty()) std::printf("  %zu images of keyframes\n", images);
+    std::printf("  reprojection error %.3f px on average, %.3f px RMS\n", errors.mean_px, errors.rms_px);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace cairn::cli
