@@ -94,7 +94,7 @@ TEST_F(Exchange, OtherCamerasOfColmapAreUnderstood) {
   const auto model = *FromMap(*world_.snapshot);
   ASSERT_TRUE(WriteColmap(model, Path("m"), ColmapFormat::kText, false).ok());
   const auto with = [&](const std::string& line) {
-    EXPECT_TRUE(WriteFileAtomically(Path("m/cameras.txt"), line + "\n", true).ok());
+    EXPECT_TRUE(WriteFileAtomically(Path("m/cameras.txt"), absl::StrCat(line, "\n"), true).ok());
     return ReadColmap(Path("m"));
   };
   const auto radial = with("1 SIMPLE_RADIAL 640 480 500 320.5 240.5 -0.1");
@@ -119,15 +119,15 @@ TEST_F(Exchange, TruncatedModelsAreErrors) {
   const auto model = *FromMap(*world_.snapshot);
   ASSERT_TRUE(WriteColmap(model, Path("m"), ColmapFormat::kBinary, false).ok());
   for (const std::string name : {"cameras.bin", "images.bin", "points3D.bin"}) {
-    const std::string whole = *ReadWholeFile(Path("m/" + name));
+    const std::string whole = *ReadWholeFile(Path(absl::StrCat("m/", name)));
     for (std::size_t i = 0; i < 60; ++i) {
       const std::string part = whole.substr(0, whole.size() * i / 60);
-      ASSERT_TRUE(WriteFileAtomically(Path("m/" + name), part, true).ok());
+      ASSERT_TRUE(WriteFileAtomically(Path(absl::StrCat("m/", name)), part, true).ok());
       const auto read = ReadColmap(Path("m"));
       EXPECT_FALSE(read.ok()) << name << " " << i;
       EXPECT_THAT(std::string(read.status().message()), HasSubstr("m"));
     }
-    ASSERT_TRUE(WriteFileAtomically(Path("m/" + name), whole, true).ok());
+    ASSERT_TRUE(WriteFileAtomically(Path(absl::StrCat("m/", name)), whole, true).ok());
   }
   EXPECT_TRUE(ReadColmap(Path("m")).ok());
 }

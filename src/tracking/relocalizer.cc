@@ -13,6 +13,7 @@
 
 #include "tracking/candidate_groups.h"
 #include "tracking/pose_attempt.h"
+#include "tracking/relocalization_trace.h"
 
 namespace cairn::tracking {
 namespace {
@@ -78,14 +79,16 @@ std::unordered_set<KeyframeId> KeyframesThere(const map::Snapshot& map, const Fo
 // The search for one image.
 class PlaceSearch {
  public:
-  PlaceSearch(const ImageQuery& query, const RelocalizerOptions& options, const SearchArea& area)
-      : query_(query), options_(options), area_(area) {
+  PlaceSearch(const ImageQuery& query, const RelocalizerOptions& options, const SearchArea& area,
+              RelocalizationTrace* trace)
+      : query_(query), options_(options), area_(area), trace_(trace) {
     miss_.counts.features = static_cast<int>(query.features.size());
   }
 
   absl::StatusOr<Relocalization> Run() {
     const auto candidates = Candidates({});
     miss_.counts.candidates = static_cast<int>(candidates.size());
+    if (trace_ != nullptr) trace_->candidates = candidates;
     const std::vector<CandidateGroup> groups = FormGroups(query_.map, candidates, options_.group_size);
     if (groups.empty()) {
       miss_.stage = RelocalizationStage::kCandidates;
@@ -113,8 +116,10 @@ class PlaceSearch {
   }
 
   std::vector<GroupMatch> Match(const CandidateGroup& group) const {
-    return MatchGroup(query_.map, query_.places, group.keyframes, query_.features, query_.words.nodes,
-                      options_.matching);
+    auto matches =
+        MatchGroup(query_.map, query_.places, group.keyframes, query_.features, query_.words.nodes, options_.matching);
+    if (trace_ != nullptr) trace_->groups.push_back({group.keyframes, matches, false, {}});
+    return matches;
   }
 
   struct MatchedGroup {
@@ -137,6 +142,7 @@ class PlaceSearch {
     CAIRN_ASSIGN_OR_RETURN(Relocalization attempt,
                            AttemptPose(query_, group.keyframes[0], matches, tried_++, counts, options_));
     if (attempt.localized) CheckPrior(&attempt);
+    Note(group, attempt);
     if (!attempt.localized) {
       if (miss_.reason.empty() || Better(attempt, miss_)) miss_ = std::move(attempt);
       return absl::OkStatus();
@@ -149,6 +155,16 @@ class PlaceSearch {
       *same = std::move(attempt);
     }
     return absl::OkStatus();
+  }
+
+  void Note(const CandidateGroup& group, const Relocalization& attempt) const {
+    if (trace_ == nullptr) return;
+    for (TracedGroup& traced : trace_->groups) {
+      if (traced.tried || traced.keyframes != group.keyframes) continue;
+      traced.tried = true;
+      traced.attempt = attempt;
+      return;
+    }
   }
 
   void CheckPrior(Relocalization* attempt) const {
@@ -218,6 +234,7 @@ class PlaceSearch {
   const ImageQuery& query_;
   const RelocalizerOptions& options_;
   const SearchArea& area_;
+  RelocalizationTrace* const trace_;   // null: nobody asks
   std::vector<Relocalization> found_;  // each at a place of its own
   Relocalization miss_;                // that got furthest
   std::uint64_t tried_ = 0;
@@ -228,7 +245,14 @@ class PlaceSearch {
 absl::StatusOr<Relocalization> Relocalizer::Relocalize(const map::Snapshot& map, const PlaceIndex& places,
                                                        const Pinhole& pinhole, const image::Features& features,
                                                        const SearchArea& area) const {
-  CAIRN_RETURN_IF_ERROR(options_.Validate());
+  return RelocalizeTraced(options_, map, places, pinhole, features, area, /*trace=*/nullptr);
+}
+
+absl::StatusOr<Relocalization> RelocalizeTraced(const RelocalizerOptions& options, const map::Snapshot& map,
+                                                const PlaceIndex& places, const Pinhole& pinhole,
+                                                const image::Features& features, const SearchArea& area,
+                                                RelocalizationTrace* trace) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
   for (const PlacePrior& prior : area.priors) CAIRN_RETURN_IF_ERROR(prior.Validate());
   if (pinhole.width_px <= 0 || pinhole.height_px <= 0 || !(pinhole.fx_px > 0.0) || !(pinhole.fy_px > 0.0)) {
     return absl::InvalidArgumentError("relocalizer: the camera has no positive size and focal length");
@@ -237,10 +261,10 @@ absl::StatusOr<Relocalization> Relocalizer::Relocalize(const map::Snapshot& map,
     return absl::FailedPreconditionError(absl::StrCat("relocalizer: the places are of revision ", places.revision(),
                                                       ", the map of revision ", map.revision()));
   }
-  if (static_cast<int>(features.size()) < options_.min_features) {
+  if (static_cast<int>(features.size()) < options.min_features) {
     Relocalization miss;
     miss.counts.features = static_cast<int>(features.size());
-    miss.reason = absl::StrCat(features.size(), " features in the image, at least ", options_.min_features, " needed");
+    miss.reason = absl::StrCat(features.size(), " features in the image, at least ", options.min_features, " needed");
     return miss;
   }
   const ImageQuery query{map,
@@ -249,7 +273,7 @@ absl::StatusOr<Relocalization> Relocalizer::Relocalize(const map::Snapshot& map,
                          features,
                          image::FeatureGrid(features.keypoints, pinhole.width_px, pinhole.height_px),
                          places.Transform(features.descriptors)};
-  return PlaceSearch(query, options_, area).Run();
+  return PlaceSearch(query, options, area, trace).Run();
 }
 
 }  // namespace cairn::tracking

@@ -1,4 +1,4 @@
-"""Looking inside a map: info, ls."""
+"""Looking inside a map: info, ls, show, stats, coverage, explain."""
 import os
 import pathlib
 import shutil
@@ -85,6 +85,88 @@ class Inspection(unittest.TestCase):
             self.assertEqual(answer.code, 2, arguments)
             self.assertTrue(answer.json['error'])
         self.assertEqual(cairn('ls', self.folder / 'none.cairn', 'points').code, 1)
+
+    # show
+
+    def test_show_tells_all_of_a_keyframe_and_draws_it(self):
+        keyframe = must('ls', self.map, 'keyframes')['keyframes'][3]
+        picture = self.folder / 'keyframe.png'
+        shown = must('show', self.map, 'keyframe', keyframe['id'], '--picture', picture)
+        for name, value in keyframe.items():
+            self.assertEqual(shown[name], value, name)
+        self.assertEqual(sum(shown['features_per_octave']), shown['features'])
+        self.assertEqual(picture.read_bytes()[:4], b'\x89PNG')
+        shared = [neighbour['shared_points'] for neighbour in shown['neighbours']]
+        self.assertEqual(shared, sorted(shared, reverse=True))
+        self.assertIn('neighbours', self.text('show', self.map, 'keyframe', keyframe['id']))
+
+    def test_show_tells_from_where_a_point_is_seen(self):
+        point = must('ls', self.map, 'points', '--sort', 'observations', '--reverse', '--limit', 1)['points'][0]
+        shown = must('show', self.map, 'point', point['id'])
+        self.assertEqual(len(shown['seen_from']), point['observations'])
+        mean_square = sum(sight['error_px']**2 for sight in shown['seen_from']) / len(shown['seen_from'])
+        self.assertAlmostEqual(mean_square**0.5, point['error_px'], delta=1e-3)
+        self.text('show', self.map, 'point', point['id'])
+
+    def test_show_of_what_is_few(self):
+        for kind in ('session', 'component', 'camera'):
+            self.assertEqual(must('show', self.map, kind, 1)['id'], 1)
+            self.text('show', self.map, kind, 1)
+        self.assertEqual(cairn('show', self.map, 'camera', 9).code, 1)
+        self.assertEqual(cairn('show', self.map, 'window', 1).code, 2)
+        self.assertEqual(cairn('show', self.map, 'camera', 1, '--picture', self.folder / 'x.png').code, 2)
+
+    # stats
+
+    def test_stats_count_everything_once(self):
+        info, stats = must('info', self.map), must('stats', self.map, '--picture', self.folder / 'stats.svg')
+        self.assertEqual(stats['observations_per_point']['count'], info['points'])
+        self.assertEqual(stats['points_per_keyframe']['count'], info['keyframes'])
+        self.assertAlmostEqual(stats['observations_per_point']['mean'], info['observations_per_point'], places=6)
+        for name, distribution in stats.items():
+            if isinstance(distribution, dict) and distribution['count']:
+                self.assertEqual(sum(distribution['histogram']['counts']), distribution['count'], name)
+        self.assertIn('<svg', (self.folder / 'stats.svg').read_text()[:500])
+        text = self.text('stats', self.map)
+        self.assertIn('point_error_px', text)
+        self.assertTrue(text.isascii())
+        self.assertIn('#', self.text('stats', self.map, '--histogram', 'point_error_px'))
+        self.assertEqual(cairn('stats', self.map, '--histogram', 'beauty').code, 2)
+
+    # coverage
+
+    def test_coverage_tries_every_keyframe_but_the_root(self):
+        before = must('info', self.map, '--digest')['digest']
+        coverage = must('coverage', self.map, '--picture', self.folder / 'coverage.png')
+        self.assertEqual(coverage['views'] + coverage['not_tested'], must('info', self.map)['keyframes'])
+        self.assertEqual(coverage['not_tested'], 1)
+        self.assertEqual(sum(cell['views'] for cell in coverage['cells']), coverage['views'])
+        found = sum(test['result'] == 'found' for test in coverage['tests'])
+        self.assertAlmostEqual(coverage['share'], found / coverage['views'])
+        self.assertEqual(cairn('coverage', self.map, '--fail-below', 1.0).code, 0 if coverage['share'] == 1.0 else 4)
+        self.assertEqual(must('info', self.map, '--digest')['digest'], before)
+        self.text('coverage', self.map)
+
+    # explain
+
+    def test_explain_of_an_image_of_the_map_and_of_another_room(self):
+        image = sorted((self.office / 'mav0/cam0/data').glob('*'))[10]
+        explained = must('explain', self.map, image, '--picture', self.folder / 'matches.png')
+        self.assertTrue(explained['localized'])
+        self.assertEqual(explained['stage'], 'done')
+        self.assertGreater(explained['counts']['inliers'], 50)
+        self.assertLess(explained['near_keyframes'][0]['angle_deg'], 30)
+        other = self.folder / 'other'
+        must('synth', 'office', '--seed', 77, '--duration', 1, '--out', other)
+        elsewhere = sorted((other / 'mav0/cam0/data').glob('*'))[0]
+        answer = cairn('explain', self.map, elsewhere, '--picture', self.folder / 'elsewhere.png')
+        self.assertEqual(answer.code, 4, answer.out + answer.err)
+        self.assertFalse(answer.json['localized'])
+        self.assertTrue(answer.json['reason'])
+        self.assertTrue(answer.json['advice'])
+        self.text('explain', self.map, image)
+        self.text('explain', self.map, elsewhere, code=4)
+        self.assertEqual(cairn('explain', self.map, self.folder / 'none.png').code, 1)
 
 
 if __name__ == '__main__':

@@ -50,8 +50,8 @@ absl::Status WritePoints(const Source& source) {
 absl::Status WriteNerfstudio(const Source& source) {
   std::error_code error;
   std::filesystem::create_directories(source.options.out, error);
-  return WriteFileAtomically(source.options.out + "/transforms.json", exchange::TransformsJson(source.model),
-                             source.options.overwrite);
+  return WriteFileAtomically(absl::StrCat(source.options.out, "/transforms.json"),
+                             exchange::TransformsJson(source.model), source.options.overwrite);
 }
 
 using Writer = std::function<absl::Status(const Source&)>;
@@ -77,7 +77,7 @@ const std::map<std::string, Writer>& Writers() {
   return *writers;
 }
 
-bool IsFolder(const std::string& format) { return absl::StartsWith(format, "colmap") || format == "nerfstudio"; }
+bool MakesFolder(const std::string& format) { return absl::StartsWith(format, "colmap") || format == "nerfstudio"; }
 
 // The images of the keyframes, and gray values for the points; how many images there were.
 absl::StatusOr<std::size_t> AddImages(const ModelExport& options, const map::Snapshot& map, Reconstruction* model) {
@@ -85,7 +85,7 @@ absl::StatusOr<std::size_t> AddImages(const ModelExport& options, const map::Sna
   input.sequence = options.images;
   input.open.camera_path = options.camera;
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(input, "export"));
-  const std::string folder = IsFolder(options.format) ? options.out + "/images" : "";
+  const std::string folder = MakesFolder(options.format) ? absl::StrCat(options.out, "/images") : "";
   CAIRN_ASSIGN_OR_RETURN(exchange::ModelImages images,
                          exchange::ModelImages::Create(map, *model, source->info().name, folder, options.overwrite));
   SkippedFrames skipped("export", options.json);
@@ -119,7 +119,7 @@ std::string FormatOfName(const std::string& path) {
 }
 
 absl::Status ExportModel(const ModelExport& options) {
-  if (!IsFolder(options.format)) CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
+  if (!MakesFolder(options.format)) CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out}, {options.map, options.camera}));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
                          store::OpenMapStore(options.map, store::OpenMode::kRead));

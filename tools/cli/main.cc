@@ -132,10 +132,13 @@ int ParseAndRun(Call* call) {
   AddInfoCommand(app, &action);
   AddLsCommand(app, &action);
   AddExportCommand(app, &action);
+  AddShowCommand(app, &action);
+  AddExplainCommand(app, &action);
+  AddCoverageCommand(app, &action);
+  AddStatsCommand(app, &action);
   AddAlignCommand(app, &action);
   AddLogCommand(app, &action);
   AddSnapshotCommand(app, &action);
-  AddExportCommand(app, &action);
   AddDeleteCommand(app, &action);
   AddRestoreCommand(app, &action);
   AddTopCommand(app, &action);

@@ -26,6 +26,8 @@ CHECKS = [
     ('  all of them within 0.05 m / 3 deg', '%', '>=', None, '', lambda w: 100 * w.relocalization()['all']),
     ('  answers worse than 0.2 m / 10 deg', '%', '<=', 2, '', lambda w: 100 * w.relocalization()['wrong']),
     ('  latency per image, median', 'ms', '<=', None, '', lambda w: w.relocalization()['p50_ms']),
+    ('coverage of redkitchen t < 20 s: predicted and true share per cell, correlation', '', '>=', 0.8, '',
+     lambda w: w.coverage()['correlation']),
     ('euroc_v101_keyframes: cam1 in a map of cam0 within 0.15 m / 3 deg', '%', '>=', 98, '',
      lambda w: 100 * w.stereo()['located']),
     ('redkitchen t >= 20 s, single images in the map of t < 20 s: located', '%', '>=', None, '',

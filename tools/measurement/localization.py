@@ -81,6 +81,30 @@ class Localization:
                     'miss_ms': elsewhere['latency_ms']['median']}
         return self.once('single images', lambda: median_of_runs(self.runs, one))
 
+    def coverage(self, cell_m=0.4, min_queries=5):
+        """Redkitchen's first 20 s: what coverage says of each cell, and what share of later images is located there."""
+        def one(run):
+            folder, map_file = DATA / 'redkitchen', self.kitchen_map(run)
+            reference = folder / 'reference_sfm.txt'
+            cairn('align', map_file, '--groundtruth', reference, '--max-dt', 0.005)
+            said = cairn('coverage', map_file, '--cell', cell_m)
+            ground = np.array([said['right'], said['ahead']])
+            located = self.images(folder, map_file, '--camera', folder / 'camera.yaml', '--from', 20)
+            true, cells = read_poses(reference), {}
+            times = np.array([time for time, _ in true])
+            for image in located['images']:
+                at = int(np.abs(times - image['time_s']).argmin())
+                if abs(times[at] - image['time_s']) > 0.006:
+                    continue
+                pose = true[at][1]
+                right = image['localized'] and np.linalg.norm(np.array(image['position']) - pose[:3, 3]) < 0.1
+                cells.setdefault(tuple(np.floor(ground @ pose[:3, 3] / cell_m).astype(int)), []).append(bool(right))
+            pairs = [(cell['share'], statistics.mean(cells[cell['x'], cell['y']])) for cell in said['cells']
+                     if len(cells.get((cell['x'], cell['y']), [])) >= min_queries]
+            return {'correlation': float(np.corrcoef(np.array(pairs).T)[0, 1]), 'cells': float(len(pairs)),
+                    'said': said['share'], 'true': located['localized_share']}
+        return self.once('coverage', lambda: median_of_runs(self.runs, one))
+
     def changed_images(self, change):
         """How many points of a hundred fewer are located than of the same images as they are."""
         def one(run):

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
@@ -121,6 +122,26 @@ void Canvas::FillRect(const Rect& rect, Color fill) {
   SetColor(fill);
   cairo_rectangle(context_.get(), rect.x, rect.y, rect.width, rect.height);
   cairo_fill(context_.get());
+}
+
+void Canvas::Image(const cv::Mat& gray, const Rect& rect) {
+  cairo_t* c = context_.get();
+  const std::unique_ptr<cairo_surface_t, Deleter> surface(
+      cairo_image_surface_create(CAIRO_FORMAT_RGB24, gray.cols, gray.rows));
+  if (cairo_surface_status(surface.get()) != CAIRO_STATUS_SUCCESS) return;
+  unsigned char* data = cairo_image_surface_get_data(surface.get());
+  const int stride = cairo_image_surface_get_stride(surface.get());
+  for (int y = 0; y < gray.rows; ++y) {
+    auto* row = reinterpret_cast<std::uint32_t*>(data + static_cast<std::ptrdiff_t>(y) * stride);
+    for (int x = 0; x < gray.cols; ++x) row[x] = gray.at<std::uint8_t>(y, x) * 0x010101u;
+  }
+  cairo_surface_mark_dirty(surface.get());
+  cairo_save(c);
+  cairo_translate(c, rect.x, rect.y);
+  cairo_scale(c, rect.width / gray.cols, rect.height / gray.rows);
+  cairo_set_source_surface(c, surface.get(), 0.0, 0.0);
+  cairo_paint(c);
+  cairo_restore(c);
 }
 
 void Canvas::StrokeRect(const Rect& rect, Color color, double width_pt) {

@@ -4,6 +4,7 @@
 #include <cairo/cairo.h>
 
 #include <memory>
+#include <opencv2/core.hpp>
 #include <string>
 #include <vector>
 
@@ -73,6 +74,8 @@ class Canvas {
   void Polygon(const std::vector<Point>& points, Color fill, Color stroke, double width_pt);
   void Disc(Point center, double radius_pt, Color fill);
   void FillRect(const Rect& rect, Color fill);
+  // An 8-bit grey image, stretched over the rectangle.
+  void Image(const cv::Mat& gray, const Rect& rect);
   void StrokeRect(const Rect& rect, Color color, double width_pt = 1.0);
   // `at` is on the baseline.
   void Text(Point at, const std::string& text, const TextStyle& style = {});

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "text/bars.h"
 
 namespace cairn::text {
 namespace {
@@ -55,6 +57,20 @@ TEST(TextTable, LinesUpAndFits) {
   const std::string wide = TextTable(columns, {{"1", std::string(200, 'x'), "12"}});
   for (const absl::string_view line : absl::StrSplit(wide, '\n')) EXPECT_LE(DisplayWidth(line), kTextColumns);
   EXPECT_NE(wide.find("..."), std::string::npos);
+}
+
+TEST(Sparkline, TheHigherTheMore) {
+  EXPECT_EQ(Sparkline({0, 1, 400, 800}, false), " .=@");
+  EXPECT_EQ(Sparkline({0, 1, 400, 800}, true), " ▁▄█");
+  EXPECT_EQ(Sparkline({0, 0}, false), "  ");
+  EXPECT_EQ(Sparkline({}, false), "");
+}
+
+TEST(Bar, IsInProportionAndNeverNothing) {
+  EXPECT_EQ(Bar(10, 20, 8, false), "####");
+  EXPECT_EQ(Bar(1, 1000, 8, false), "#");
+  EXPECT_EQ(Bar(0, 1000, 8, false), "");
+  EXPECT_EQ(Bar(0, 0, 8, false), "");
 }
 
 }  // namespace

@@ -1,0 +1,167 @@
+#include "inspect/coverage.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <optional>
+#include <tuple>
+
+#include "absl/strings/str_format.h"
+#include "inspect/measures.h"
+#include "map/edit.h"
+
+namespace cairn::inspect {
+namespace {
+
+constexpr double kCellsPerDepth = 4.0;
+
+double Median(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Against gravity as far as cameras tell: the mean of their own "up".
+Vector3d MeanUp(const std::vector<CoverageTest>& tests) {
+  Vector3d up = Vector3d::Zero();
+  for (const CoverageTest& test : tests) up -= test.placed_from_camera.RotationMatrix().col(1);
+  return up.norm() > 1e-6 ? up.normalized() : Vector3d::UnitZ();
+}
+
+// The map without a keyframe and those that see the same; nothing if the keyframe cannot be taken out.
+std::optional<map::Delta> Without(const std::shared_ptr<const map::Snapshot>& map, const map::Keyframe& keyframe,
+                                  double same_view_share, int* left_out) {
+  map::Edit edit(map);
+  const int points = NumPoints(keyframe);
+  for (const map::CovisibilityEdge& edge : keyframe.covisible) {
+    if (edge.shared_points < same_view_share * points) break;  // most shared points first
+    *left_out += edit.EraseKeyframe(edge.keyframe) ? 1 : 0;
+  }
+  if (!edit.EraseKeyframe(keyframe.id)) return std::nullopt;
+  return edit.Finish("coverage");
+}
+
+CoverageResult Judge(const map::Snapshot& map, const map::Keyframe& keyframe, const tracking::Relocalization& found,
+                     double median_depth, const CoverageOptions& options) {
+  if (!found.localized) return CoverageResult::kMissed;
+  if (map.keyframe(found.place.reference_keyframe).component != keyframe.component) return CoverageResult::kWrongPlace;
+  const SE3 change = found.place.camera_from_map * keyframe.camera_from_map.Inverse();
+  const double shift =
+      (found.place.camera_from_map.Inverse().translation() - keyframe.camera_from_map.Inverse().translation()).norm();
+  const bool right = shift <= options.max_shift_share * median_depth &&
+                     AngleRad(change.rotation()) * 180.0 / std::numbers::pi <= options.max_turn_deg;
+  return right ? CoverageResult::kFound : CoverageResult::kWrongPlace;
+}
+
+void FillCells(const CoverageOptions& options, Coverage* coverage) {
+  const Vector3d up = MeanUp(coverage->tests);
+  // The largest extent on the ground runs to the right.
+  Vector3d mean = Vector3d::Zero();
+  for (const CoverageTest& test : coverage->tests) mean += test.placed_from_camera.translation();
+  mean /= std::max<double>(1.0, static_cast<double>(coverage->tests.size()));
+  Matrix3d spread = Matrix3d::Zero();
+  for (const CoverageTest& test : coverage->tests) {
+    Vector3d offset = test.placed_from_camera.translation() - mean;
+    offset -= up * up.dot(offset);
+    spread += offset * offset.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(spread);
+  Vector3d right = eigen.eigenvectors().col(2);
+  right -= up * up.dot(right);
+  if (!(right.norm() > 1e-9)) right = up.unitOrthogonal();
+  right.normalize();
+  // The same picture each time, whatever the solver's signs.
+  Eigen::Index largest;
+  right.cwiseAbs().maxCoeff(&largest);
+  if (right[largest] < 0.0) right = -right;
+  coverage->right = right;
+  coverage->ahead = up.cross(right);
+
+  std::map<std::tuple<ComponentId, int, int>, CoverageCell> cells;
+  for (const CoverageTest& test : coverage->tests) {
+    CoverageCell at = CellOf(*coverage, test.placed_from_camera.translation());
+    at.component = test.component;
+    CoverageCell& cell = cells.try_emplace({test.component, at.y, at.x}, at).first->second;
+    ++cell.tests;
+    cell.found += test.result == CoverageResult::kFound ? 1 : 0;
+  }
+  for (const auto& [key, cell] : cells) coverage->cells.push_back(cell);
+  int found = 0, wrong = 0;
+  for (const CoverageTest& test : coverage->tests) {
+    found += test.result == CoverageResult::kFound ? 1 : 0;
+    wrong += test.result == CoverageResult::kWrongPlace ? 1 : 0;
+  }
+  if (!coverage->tests.empty()) coverage->share = 1.0 * found / static_cast<double>(coverage->tests.size());
+  for (const CoverageCell& cell : coverage->cells) {
+    if (cell.tests < options.min_tests || cell.share() >= options.min_share) continue;
+    coverage->warnings.push_back(absl::StrFormat(
+        "cell %d, %d of component %u: %d of %d views are found without their own keyframe: map more there", cell.x,
+        cell.y, cell.component.value(), cell.found, cell.tests));
+  }
+  if (wrong > 0) {
+    coverage->warnings.push_back(absl::StrFormat(
+        "%d views are found at a wrong place without their own keyframe: parts of the map look alike", wrong));
+  }
+}
+
+}  // namespace
+
+absl::Status CoverageOptions::Validate() const {
+  if (max_tests < 1 || !(same_view_share > 0.0) || !(max_shift_share > 0.0) || !(max_turn_deg > 0.0) ||
+      !(cell_size >= 0.0)) {
+    return absl::InvalidArgumentError("coverage: counts, shares and angles must be positive, cells not negative");
+  }
+  return relocalizer.Validate();
+}
+
+CoverageCell CellOf(const Coverage& coverage, const Vector3d& placed) {
+  CoverageCell cell;
+  cell.x = static_cast<int>(std::floor(coverage.right.dot(placed) / coverage.cell_size));
+  cell.y = static_cast<int>(std::floor(coverage.ahead.dot(placed) / coverage.cell_size));
+  return cell;
+}
+
+absl::StatusOr<Coverage> MeasureCoverage(const tracking::MapView& view, const CoverageOptions& options,
+                                         const std::function<bool(int, int)>& progress) {
+  CAIRN_RETURN_IF_ERROR(options.Validate());
+  if (view.places() == nullptr) {
+    return absl::FailedPreconditionError("the map has no vocabulary, so that no place can be found in it");
+  }
+  const map::Snapshot& map = view.map();
+  std::vector<KeyframeId> all;
+  map.keyframes().ForEach([&](const auto& keyframe) { all.push_back(keyframe->id); });
+  const std::size_t count = std::min(all.size(), static_cast<std::size_t>(options.max_tests));
+  const tracking::Relocalizer relocalizer(options.relocalizer);
+  Coverage coverage;
+  std::vector<double> depths;
+  for (std::size_t i = 0; i < count; ++i) {
+    const map::Keyframe& keyframe = map.keyframe(all[i * all.size() / count]);
+    const double depth = MedianDepth(Measure(map, keyframe));
+    CoverageTest test;
+    test.keyframe = keyframe.id;
+    test.component = keyframe.component;
+    test.placed_from_camera = PlacedPose(map, keyframe);
+    const auto delta = Without(view.snapshot(), keyframe, options.same_view_share, &test.left_out);
+    if (!delta) continue;
+    CAIRN_ASSIGN_OR_RETURN(const auto rest, view.After(*delta));
+    CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
+                           relocalizer.Relocalize(rest->map(), *rest->places(), map.pinhole(keyframe.camera),
+                                                  keyframe.features->features));
+    test.result = Judge(rest->map(), keyframe, found, depth, options);
+    test.stage = found.stage;
+    test.inliers = found.counts.inliers;
+    coverage.tests.push_back(test);
+    depths.push_back(depth * PlacedScale(map, keyframe.component));
+    if (progress && !progress(static_cast<int>(i + 1), static_cast<int>(count))) break;
+  }
+  coverage.not_tested = static_cast<int>(all.size() - coverage.tests.size());
+  coverage.cell_size = options.cell_size > 0.0 ? options.cell_size : Median(depths) / kCellsPerDepth;
+  if (!(coverage.cell_size > 0.0)) coverage.cell_size = 1.0;
+  FillCells(options, &coverage);
+  return coverage;
+}
+
+}  // namespace cairn::inspect

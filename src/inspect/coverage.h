@@ -1,0 +1,76 @@
+// How likely an image is to be found in a map, by where it was taken: each keyframe is taken out of the map, together
+// with those that share nearly everything with it, and its own features are looked for in what is left. Where that
+// fails, the map hangs on single views: a camera that comes by a little aside will not be found.
+//
+// A map with a keyframe less is made by map::Edit, and its place index from the change between (tracking::MapView), so
+// that a test costs what a localization does, whatever the size of the map.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/status.h"
+#include "tracking/map_view.h"
+#include "tracking/relocalizer.h"
+
+namespace cairn::inspect {
+
+struct CoverageOptions {
+  int max_tests = 1000;  // keyframes tried, spread evenly over all
+  // A neighbour that shares so much of the keyframe's points is taken out with it.
+  double same_view_share = 0.7;
+  // A pose so near to the keyframe's is right: share of the median depth of its points, degrees.
+  double max_shift_share = 0.1;
+  double max_turn_deg = 5.0;
+  // Side of the cells of the ground plane, in the unit of Placed(); 0: the median depth of all tested keyframes over 4.
+  double cell_size = 0.0;
+  double min_share = 0.5;  // cells below are warned of ...
+  int min_tests = 2;       // ... if so many keyframes were tried there
+  tracking::RelocalizerOptions relocalizer;
+
+  absl::Status Validate() const;
+};
+
+enum class CoverageResult { kFound, kWrongPlace, kMissed };
+
+struct CoverageTest {
+  KeyframeId keyframe;
+  ComponentId component;
+  SE3 placed_from_camera;  // PlacedPose (measures.h)
+  int left_out = 0;        // other keyframes taken out with it
+  CoverageResult result = CoverageResult::kMissed;
+  tracking::RelocalizationStage stage = tracking::RelocalizationStage::kFeatures;  // of a miss
+  int inliers = 0;
+};
+
+struct CoverageCell {
+  ComponentId component;
+  int x = 0, y = 0;  // [x, x + 1) times cell_size along the ground's axes
+  int tests = 0;
+  int found = 0;
+  double share() const { return tests > 0 ? 1.0 * found / tests : 0.0; }
+};
+
+struct Coverage {
+  std::vector<CoverageTest> tests;  // ascending by keyframe
+  std::vector<CoverageCell> cells;  // ascending by component, y, x
+  double cell_size = 0.0;
+  // Directions of the ground plane: two of the axes in which the cameras spread most, the third is up.
+  Vector3d right = Vector3d::UnitX(), ahead = Vector3d::UnitY();
+  int not_tested = 0;  // roots of spanning trees, which cannot be taken out, and what max_tests leaves out
+  double share = 0.0;  // of the tests: found
+  std::vector<std::string> warnings;
+};
+
+// The cell of a position.
+CoverageCell CellOf(const Coverage& coverage, const Vector3d& placed);
+
+// `progress` is told after each test how many are done, of how many; false ends it early with what there is. May be
+// empty. FailedPrecondition: the map has no vocabulary.
+absl::StatusOr<Coverage> MeasureCoverage(const tracking::MapView& view, const CoverageOptions& options = {},
+                                         const std::function<bool(int, int)>& progress = {});
+
+}  // namespace cairn::inspect

@@ -1,0 +1,60 @@
+"""Man pages and bash completion, made from --help: every verb has a page, man takes it, and words are completed."""
+import pathlib
+import re
+import shutil
+import subprocess
+import tempfile
+import unittest
+
+from cairn_cli import BINARY, cairn
+
+MAKE = pathlib.Path(__file__).parents[2] / 'tools/make_manuals'
+
+
+class Manuals(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = pathlib.Path(tempfile.mkdtemp(prefix='cairn-e2e-'))
+        subprocess.run([MAKE, BINARY, cls.folder], check=True, timeout=120)
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.folder)
+
+    def complete(self, *words):
+        script = ('source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($#-1)); _cairn; printf "%s\\n" "${COMPREPLY[@]}"')
+        done = subprocess.run(['bash', '-c', script, 'bash', self.folder / 'bash-completion/cairn', 'cairn', *words],
+                              capture_output=True, text=True, check=True, timeout=30, cwd=self.folder)
+        return done.stdout.split()
+
+    def test_every_verb_has_a_page_with_its_options(self):
+        text = cairn('--help', json_output=False).out
+        verbs = re.findall(r'^  ([a-z]+)  ', text[text.index('Subcommands:'):], flags=re.M)
+        self.assertIn('info', verbs)
+        for verb in verbs:
+            self.assertTrue((self.folder / f'man1/cairn-{verb}.1').exists(), verb)
+        page = (self.folder / 'man1/cairn-ls.1').read_text().replace('\\-', '-')
+        self.assertIn('--filter', page)
+        self.assertIn('cairn ls office.cairn', page)
+
+    def test_man_takes_the_pages(self):
+        if shutil.which('man') is None or shutil.which('groff') is None:
+            self.skipTest('man or groff is not installed')
+        for page in sorted((self.folder / 'man1').iterdir()):
+            done = subprocess.run(['man', '--warnings=w', '-l', page], capture_output=True, text=True, timeout=30,
+                                  env={'PATH': '/usr/bin:/bin', 'LC_ALL': 'C.UTF-8', 'MANPAGER': 'cat', 'MANWIDTH': '200'})
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertEqual(done.stderr, '', page)
+
+    def test_words_are_completed(self):
+        self.assertEqual(self.complete('inf'), ['info'])
+        self.assertEqual(self.complete('ls', '--fil'), ['--filter'])
+        self.assertIn('ate', self.complete('eval', ''))
+        self.assertEqual(self.complete('--server', 'localhost:7878', 'inf'), ['info'])
+        (self.folder / 'office.cairn').touch()
+        self.assertEqual(self.complete('info', 'off'), ['office.cairn'])
+        self.assertEqual(self.complete('info', 'office.cairn', '--picture', 'off'), ['office.cairn'])
+
+
+if __name__ == '__main__':
+    unittest.main(verbosity=2)
