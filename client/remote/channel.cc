@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <random>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -17,6 +18,7 @@ namespace cairn::client {
 namespace {
 
 constexpr int kMaxMessageBytes = 256 << 20;
+constexpr std::chrono::milliseconds kLongestConnecting(500);
 
 // Calls that only read may be made again; gRPC waits longer from one to the next, by a random share.
 std::string ServiceConfig(int attempts) {
@@ -73,7 +75,8 @@ std::string HintFor(const std::string& said) {
   if (absl::StrContains(message, "peer name")) {
     return "its certificate is for another name: name the server as its certificate does";
   }
-  if (absl::StrContains(message, "certificate") || absl::StrContains(message, "handshake")) {
+  if (absl::StrContains(message, "certificate") || absl::StrContains(message, "ssl") ||
+      absl::StrContains(message, "handshake failed")) {
     return "TLS failed: is its certificate of the CA given by --ca, does it ask for one of yours (--cert, --key), does "
            "it speak TLS at all?";
   }
@@ -95,8 +98,8 @@ std::shared_ptr<grpc::Channel> NewChannel(const RemoteOptions& options) {
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 5000);
   // A server that was restarted is found again within a second.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
-  // This is also how long a connection may take to come about: with TLS over a slow link that is seconds.
-  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5000);
+  // How long a connection may take to come about: with TLS over a slow link more than a moment.
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 2000);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
   std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> senders;
   if (!options.token.empty()) senders.push_back(std::make_unique<TokenSenders>(options.token));
@@ -114,6 +117,11 @@ std::chrono::milliseconds PauseBefore(int attempt) {
   thread_local std::minstd_rand random{std::random_device{}()};
   const double longest = 50.0 * static_cast<double>(1 << std::min(attempt, 4));
   return std::chrono::milliseconds(static_cast<int>(std::uniform_real_distribution<>(0.5, 1.0)(random) * longest));
+}
+
+void PauseAndConnect(int attempt, grpc::Channel* channel) {
+  std::this_thread::sleep_for(PauseBefore(attempt));
+  channel->WaitForConnected(std::chrono::system_clock::now() + kLongestConnecting);
 }
 
 absl::Status FromGrpc(const grpc::Status& status, const std::string& server) {

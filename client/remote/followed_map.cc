@@ -153,7 +153,9 @@ void FollowedMap::Run() {
     ending_ |= view_ == nullptr ? IsFinal(problem_) || attempt >= options_.attempts : absl::IsAborted(problem_);
     changed_.notify_all();
     if (ending_) return;
-    changed_.wait_for(lock, PauseBefore(attempt), [&] { return ending_; });
+    lock.unlock();
+    PauseAndConnect(attempt, channel_.get());
+    lock.lock();
     changed_.wait(lock, [&] { return ending_ || !paused_; });
     if (ending_) return;
   }

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <functional>
-#include <thread>
 #include <utility>
 
 #include "base/guarded.h"
@@ -126,7 +125,7 @@ absl::Status RemoteSession::Persist(const std::function<absl::Status()>& attempt
   absl::Status status = attempt();
   for (int i = 0; IsOutage(status); ++i) {
     if (Clock::now() - begun > std::chrono::duration<double>(options_.outage_s)) return status;
-    std::this_thread::sleep_for(PauseBefore(i));
+    PauseAndConnect(i, channel_.get());
     status = Reconnect();
     if (status.ok()) status = attempt();
   }

@@ -27,18 +27,20 @@ class FramePreparation {
  public:
   // InvalidArgument or FailedPrecondition for a camera or a calibration that cannot be used.
   static absl::StatusOr<FramePreparation> Create(const SessionSource& source);
+  // Leaves images as the camera gives them, whatever their size: for whom somebody else prepares them.
+  static absl::StatusOr<FramePreparation> Untouched(const Camera& camera);
 
   // InvalidArgument for an image that does not fit the camera. Safe from several threads at once.
   absl::StatusOr<direct::Frame> Prepare(const RawFrame& raw) const;
 
-  // Of the prepared images, at full resolution.
-  const Pinhole& pinhole() const { return undistorter_.pinhole(); }
+  // Of the prepared images, at full resolution; of untouched ones without their distortion.
+  const Pinhole& pinhole() const { return undistorter_ ? undistorter_->pinhole() : untouched_; }
 
  private:
-  FramePreparation(image::Undistorter undistorter, std::optional<image::PhotometricCalibration> photometric)
-      : undistorter_(std::move(undistorter)), photometric_(std::move(photometric)) {}
+  FramePreparation() = default;
 
-  image::Undistorter undistorter_;
+  std::optional<image::Undistorter> undistorter_;
+  Pinhole untouched_;  // without an undistorter
   std::optional<image::PhotometricCalibration> photometric_;
 };
 

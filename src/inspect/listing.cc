@@ -72,8 +72,8 @@ std::vector<Row> SessionRows(const map::Snapshot& map) {
   for (const auto& [id, session] : map.sessions()) {
     const auto& [count, last_ns] = keyframes[id];
     rows.push_back({IdCell(id), session.source, IdCell(session.camera), count, points[id],
-                    ToSeconds(std::max(session.last_ns, last_ns) - session.first_ns), Whole(session.loops.size()),
-                    std::string(map::SessionPolicyName(session.policy)),
+                    ToSeconds(std::max({session.first_ns, session.last_ns, last_ns}) - session.first_ns),
+                    Whole(session.loops.size()), std::string(map::SessionPolicyName(session.policy)),
                     session.complete ? Cell(std::string(map::SessionResultName(session.result))) : Cell(),
                     session.complete, session.removed});
   }

@@ -68,7 +68,7 @@ std::vector<ToldSession> ToldSessions(const store::MapOverview& map) {
       next.keyframes += share.keyframes;
       last_ns = std::max(last_ns, share.last_ns);
     }
-    next.duration_s = ToSeconds(last_ns - session.first_ns);
+    next.duration_s = ToSeconds(std::max<TimeNs>(0, last_ns - session.first_ns));  // 0: no image came
   }
   return told;
 }

@@ -1,5 +1,6 @@
 #include "cli/described_map.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "cli/align_report.h"
@@ -45,7 +46,7 @@ nlohmann::ordered_json DescribedMapAsJson(const api::MapDescription& map) {
     sessions.push_back({{"id", session.id.value()},
                         {"source", session.source},
                         {"camera", session.camera.value()},
-                        {"duration_s", ToSeconds(session.last_ns - session.first_ns)},
+                        {"duration_s", ToSeconds(std::max<TimeNs>(0, session.last_ns - session.first_ns))},
                         {"complete", session.complete},
                         {"removed", session.removed},
                         {"policy", map::SessionPolicyName(session.policy)},
@@ -82,8 +83,9 @@ void PrintDescribedMap(const api::MapDescription& map) {
   for (const map::Session& session : map.sessions) {
     const std::string started = FormatUnixTime(session.started_unix_ns);
     std::printf("  session %u: %s, camera %u, %.1f s, by cairn %s%s%s%s\n", session.id.value(), session.source.c_str(),
-                session.camera.value(), ToSeconds(session.last_ns - session.first_ns), session.software_version.c_str(),
-                started.empty() ? "" : " on ", started.c_str(), session.complete ? "" : " (running, or cut off)");
+                session.camera.value(), ToSeconds(std::max<TimeNs>(0, session.last_ns - session.first_ns)),
+                session.software_version.c_str(), started.empty() ? "" : " on ", started.c_str(),
+                session.complete ? "" : " (running, or cut off)");
   }
 }
 

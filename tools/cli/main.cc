@@ -166,6 +166,10 @@ int ParseAndRun(Call* call) {
     const std::string help = absl::StrCat("; see cairn ", call->verb, call->verb.empty() ? "" : " ", "--help");
     return FailUsage(call->verb, absl::StrCat(error.what(), call->json ? "" : help), call->json);
   }
+  const std::string verb = app.get_subcommands().front()->get_name();
+  if (!ServerOf(app).address.empty() && !AsksServers(verb)) {
+    return FailUsage(verb, "it works on files: not with --server", call->json);
+  }
   return action();
 }
 

@@ -13,13 +13,6 @@
 namespace cairn::cli {
 namespace {
 
-// The server undistorts: what is fed to it are the images as they are.
-absl::StatusOr<engine::FramePreparation> AsTheyAre(const Camera& camera) {
-  engine::SessionSource source;
-  source.camera = Camera::FromPinhole(camera.Intrinsics());
-  return engine::FramePreparation::Create(source);
-}
-
 api::SessionRequest RequestOf(const RunOptions& options, const io::SourceInfo& info) {
   api::SessionRequest request;
   request.map = options.map;
@@ -94,7 +87,8 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.live_poses, options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.trajectory, options.live_poses}, InputFiles(options.input)));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
-  CAIRN_ASSIGN_OR_RETURN(const engine::FramePreparation preparation, AsTheyAre(source->info().camera));
+  CAIRN_ASSIGN_OR_RETURN(const engine::FramePreparation preparation,
+                         engine::FramePreparation::Untouched(source->info().camera));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<api::MapSession> session,
                          service->StartSession(RequestOf(options, source->info())));

@@ -1,5 +1,7 @@
 #include "cli/server_option.h"
 
+#include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <filesystem>
 
@@ -13,6 +15,10 @@ namespace {
 constexpr const char *kServer = "--server", *kTokenFile = "--token-file", *kTls = "--tls", *kCa = "--ca",
                      *kCertificate = "--cert", *kKey = "--key", *kTokenInClear = "--token-in-clear";
 constexpr std::uint64_t kMaxTokenBytes = 4096;
+// The verbs that ask a server as they ask a file; the others are about files.
+constexpr std::array<absl::string_view, 14> kServedVerbs = {"ls",     "info",    "log",    "localize", "track",
+                                                            "run",    "align",   "verify", "snapshot", "export",
+                                                            "delete", "restore", "top",    "bench"};
 
 std::string TextOf(const CLI::App& app, const char* name) {
   const CLI::Option* option = app.get_option(name);
@@ -30,6 +36,8 @@ absl::StatusOr<std::string> TokenOf(const ServerChoice& server) {
 }
 
 }  // namespace
+
+bool AsksServers(absl::string_view verb) { return std::ranges::find(kServedVerbs, verb) != kServedVerbs.end(); }
 
 void AddServerOption(CLI::App& app) {
   constexpr const char* kGroup = "A server";

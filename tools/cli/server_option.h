@@ -20,6 +20,9 @@ struct ServerChoice {
   bool empty() const { return address.empty(); }
 };
 
+// Whether the verb knows what to do with --server.
+bool AsksServers(absl::string_view verb);
+
 void AddServerOption(CLI::App& app);
 ServerChoice ServerOf(const CLI::App& app);
 
