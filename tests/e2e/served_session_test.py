@@ -108,6 +108,13 @@ class ServedSessions(unittest.TestCase):
         last = times(self.first / 'groundtruth_cam0.txt')[-1]
         self.assertGreater(found[-1], last - 0.5, 'poses until the end')
 
+    def test_images_go_as_they_are_whatever_their_size(self):
+        for width, height in ((320, 240), (1280, 800)):
+            name = f'of_{width}'
+            visit = self.folder / name
+            must('synth', 'office', '--duration', 2.5, '--image-size', width, height, '--out', visit)
+            self.assertGreater(must('--server', self.server.address, 'run', visit, '--map', name)['keyframes'], 2)
+
     def test_stops_in_time_while_a_session_runs(self):
         client = self.begin(self.first, '--map', 'office', '--realtime', 1)
         self.wait_for_keyframes('office', 5)
