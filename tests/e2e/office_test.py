@@ -293,7 +293,7 @@ class Office(unittest.TestCase):
             self.assertEqual(answer.code, 3, answer.out + answer.err)
             self.assertTrue(answer.json['findings'])
         # The vocabulary that ships with Cairn is the same.
-        self.assertGreater(must('localize', self.second, '--stride', 20, '--map', bad_vocabulary, '--independent')['share'], 0)
+        self.assertGreater(must('localize', self.second, '--stride', 20, '--map', bad_vocabulary, '--independent')['localized_share'], 0)
 
     def test_overwriting_never_destroys_an_input_or_a_file_that_is_no_map(self):
         images = self.first / 'mav0' / 'cam0'
