@@ -3,6 +3,7 @@
 
 #include "absl/strings/str_join.h"
 #include "cli/cli.h"
+#include "cli/findings.h"
 #include "health/recover_map.h"
 
 namespace cairn::cli {
@@ -25,12 +26,9 @@ nlohmann::ordered_json AsJson(const store::RecoverReport& report, const RecoverO
                                  {"lost_keyframes", report.lost_keyframes},
                                  {"vocabulary", report.vocabulary},
                                  {"notes", report.notes},
-                                 {"findings", nlohmann::ordered_json::array()}};
+                                 {"findings", FindingsAsJson(report.findings)}};
   if (report.keyframes_lost >= 0) json["keyframes_lost"] = report.keyframes_lost;
   if (report.points_lost >= 0) json["points_lost"] = report.points_lost;
-  for (const store::Finding& finding : report.findings) {
-    json["findings"].push_back({{"table", finding.table}, {"id", finding.id}, {"message", finding.message}});
-  }
   return json;
 }
 

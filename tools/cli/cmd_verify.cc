@@ -3,6 +3,7 @@
 #include <iostream>
 
 #include "cli/cli.h"
+#include "cli/findings.h"
 #include "cli/server_option.h"
 #include "host/inspect.h"
 
@@ -24,10 +25,7 @@ nlohmann::ordered_json AsJson(const api::MapVerification& report, const VerifyOp
     json["keyframes"] = report.summary->keyframes;
     json["points"] = report.summary->points;
   }
-  json["findings"] = nlohmann::ordered_json::array();
-  for (const map::Finding& finding : report.findings) {
-    json["findings"].push_back({{"table", finding.table}, {"id", finding.id}, {"message", finding.message}});
-  }
+  json["findings"] = FindingsAsJson(report.findings);
   json["notes"] = report.notes;
   return json;
 }
@@ -48,10 +46,12 @@ void Print(const api::MapVerification& report, const VerifyOptions& options) {
                 options.deep ? ", words and geometry" : " (--deep also checks words and geometry)");
     return;
   }
+  const std::string file = options.server.empty() ? options.map : absl::StrCat("MAPS/", options.map, ".cairn");
   std::printf(
-      "%s: DAMAGED, %zu finding%s. Keep the file as it is, and get back what is good with:\n"
+      "%s: DAMAGED, %zu finding%s. Keep the file as it is, and get back what is good with%s:\n"
       "  cairn recover %s NEW.cairn\n",
-      options.map.c_str(), report.findings.size(), report.findings.size() == 1 ? "" : "s", options.map.c_str());
+      options.map.c_str(), report.findings.size(), report.findings.size() == 1 ? "" : "s",
+      options.server.empty() ? "" : ", where the server keeps it", file.c_str());
 }
 
 absl::StatusOr<api::MapVerification> Check(const VerifyOptions& options) {
