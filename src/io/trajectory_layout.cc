@@ -96,6 +96,7 @@ bool IsIntegerTime(absl::string_view text) { return text.size() >= 15 && !absl::
 // The layout that a header names, if it names all that a pose has.
 absl::StatusOr<std::optional<TrajectoryLayout>> NamedLayout(const std::string& path, const TextTable& table) {
   const std::vector<std::string> names = ColumnNames(table.header);
+  if (names.empty()) return std::optional<TrajectoryLayout>();
   const std::size_t num_fields = SplitFields(table.lines[0].text).size();
   std::map<int, int> column_of;
   std::optional<int> time;

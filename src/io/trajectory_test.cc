@@ -179,6 +179,16 @@ TEST(Trajectory, AHeaderNamesTheColumns) {
   EXPECT_THAT(std::string(ReadTrajectory(folder / "few.txt").status().message()), HasSubstr("names 8 columns"));
 }
 
+// A remark that has nothing before its colon names no column; found by fuzzing.
+TEST(Trajectory, AHeaderWithoutNamesNamesNothing) {
+  const TestingFolder folder;
+  folder.Write("a.txt", "#: t t tx ty ;;;qw\n1.5 1 2 3 0 0 0 1\n2.5 1 2 3 0 0 0 1\n");
+  const auto read = ReadTrajectory(folder / "a.txt");
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_EQ(read->poses.size(), 2u);
+  EXPECT_EQ(read->poses[0].world_from_camera.translation(), Vector3d(1, 2, 3));
+}
+
 TEST(Trajectory, TimesInOtherUnits) {
   const TestingFolder folder;
   const auto read = [&](const std::string& text) {
