@@ -3,17 +3,14 @@
 add_library(cairn_options INTERFACE)
 target_compile_options(cairn_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Werror)
 if(CAIRN_SANITIZE)
-  # Instrumented code misleads g++'s analysis of what may be uninitialized.
-  target_compile_options(cairn_options INTERFACE -fsanitize=${CAIRN_SANITIZE} -fno-omit-frame-pointer
-                         -Wno-maybe-uninitialized)
-  target_link_options(cairn_options INTERFACE -fsanitize=${CAIRN_SANITIZE})
+  set(sanitizers -fsanitize=${CAIRN_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+  target_compile_options(cairn_options INTERFACE ${sanitizers})
+  target_link_options(cairn_options INTERFACE ${sanitizers})
+  # Warnings are the release build's business: instrumented code misleads the analysis of what may be uninitialized.
+  target_compile_options(cairn_options INTERFACE -w)
 endif()
-
 if(CAIRN_FUZZ)
-  # Warnings are g++'s business.
-  set(fuzz_sanitizers -fsanitize=address,undefined -fno-sanitize-recover=undefined)
-  target_compile_options(cairn_options INTERFACE -w ${fuzz_sanitizers} -fsanitize=fuzzer-no-link -fno-omit-frame-pointer)
-  target_link_options(cairn_options INTERFACE ${fuzz_sanitizers})
+  target_compile_options(cairn_options INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
 include(${CMAKE_CURRENT_LIST_DIR}/PrecompiledHeaders.cmake)

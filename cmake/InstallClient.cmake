@@ -11,10 +11,11 @@ file(RELATIVE_PATH CAIRN_PREFIX_FROM_PKGCONFIG /prefix/${CMAKE_INSTALL_LIBDIR}/p
 string(REGEX REPLACE "/$" "" CAIRN_PREFIX_FROM_PKGCONFIG ${CAIRN_PREFIX_FROM_PKGCONFIG})
 configure_file(${CMAKE_CURRENT_LIST_DIR}/cairn.pc.in ${CMAKE_BINARY_DIR}/cairn.pc @ONLY)
 
-install(TARGETS cairn_shared EXPORT cairnTargets LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
-install(EXPORT cairnTargets NAMESPACE cairn:: DESTINATION ${package_folder})
+install(TARGETS cairn_shared EXPORT cairnTargets LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT libcairn
+        NAMELINK_COMPONENT libcairn-dev)
+install(EXPORT cairnTargets NAMESPACE cairn:: DESTINATION ${package_folder} COMPONENT libcairn-dev)
 install(FILES ${CMAKE_BINARY_DIR}/cairnConfig.cmake ${CMAKE_BINARY_DIR}/cairnConfigVersion.cmake
-        DESTINATION ${package_folder})
-install(FILES ${CMAKE_BINARY_DIR}/cairn.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
-install(DIRECTORY client/include/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
-install(DIRECTORY examples DESTINATION ${CMAKE_INSTALL_DOCDIR})
+        DESTINATION ${package_folder} COMPONENT libcairn-dev)
+install(FILES ${CMAKE_BINARY_DIR}/cairn.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT libcairn-dev)
+install(DIRECTORY client/include/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT libcairn-dev)
+install(DIRECTORY examples DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT libcairn-dev)

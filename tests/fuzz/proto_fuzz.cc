@@ -46,7 +46,7 @@ extern "C" int LLVMFuzzerInitialize(int* /*argc*/, char*** /*argv*/) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   const std::string bytes(reinterpret_cast<const char*>(data) + 1, size - 1);
-  switch (data[0] % 10) {
+  switch (data[0] % 11) {
     case 0:
       Convert<v1::Camera>(bytes);
       break;
@@ -73,6 +73,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       break;
     case 8:
       (void)wire::StatusFrom(size > 1 ? data[1] : 0, "said", bytes);
+      break;
+    case 9:
+      Convert<v1::ImageFeatures>(bytes);
       break;
     default:
       ReadUpdate(bytes);
