@@ -26,6 +26,25 @@ class MapReader::File {
     return opened;
   }
 
+  static absl::StatusOr<std::shared_ptr<File>> OpenFrom(const std::string& path,
+                                                        std::shared_ptr<const tracking::MapView> known) {
+    auto opened = std::make_shared<File>();
+    CAIRN_ASSIGN_OR_RETURN(opened->file_, store::OpenMapStore(path, store::OpenMode::kRead));
+    CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, opened->file_->ReadSummary());
+    if (known->places() == nullptr || summary.info.id != known->map().info().id ||
+        summary.revision < known->revision()) {
+      return Open(path);
+    }
+    // It is the view's, and lives as long.
+    opened->vocabulary_ = std::shared_ptr<const place::Vocabulary>(known, &known->places()->vocabulary());
+    {
+      const std::lock_guard lock(opened->mutex_);
+      opened->view_ = std::move(known);
+    }
+    CAIRN_RETURN_IF_ERROR(opened->Newest().status());
+    return opened;
+  }
+
   // The newest revision. Others that ask meanwhile wait, and find it read.
   absl::StatusOr<std::shared_ptr<const tracking::MapView>> Newest() {
     const std::lock_guard lock(mutex_);
@@ -69,6 +88,13 @@ class MapReader::File {
 
 absl::StatusOr<std::unique_ptr<MapReader>> MapReader::Open(const std::string& path) {
   CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<File> file, File::Open(path));
+  std::shared_ptr<const tracking::MapView> view = file->view();
+  return std::unique_ptr<MapReader>(new MapReader(std::move(file), std::move(view)));
+}
+
+absl::StatusOr<std::unique_ptr<MapReader>> MapReader::OpenFrom(const std::string& path,
+                                                               std::shared_ptr<const tracking::MapView> known) {
+  CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<File> file, File::OpenFrom(path, std::move(known)));
   std::shared_ptr<const tracking::MapView> view = file->view();
   return std::unique_ptr<MapReader>(new MapReader(std::move(file), std::move(view)));
 }

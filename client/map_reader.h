@@ -19,6 +19,11 @@ class MapReader : public ViewSource {
   // FailedPrecondition if the map has no vocabulary.
   static absl::StatusOr<std::unique_ptr<MapReader>> Open(const std::string& path);
 
+  // The same from a revision on that is in memory: only what has changed since is read. If the file holds another map,
+  // or has forgotten what followed, all of it.
+  static absl::StatusOr<std::unique_ptr<MapReader>> OpenFrom(const std::string& path,
+                                                             std::shared_ptr<const tracking::MapView> known);
+
   std::unique_ptr<ViewSource> Another() const override;
 
   const std::shared_ptr<const tracking::MapView>& view() const override { return view_; }

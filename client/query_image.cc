@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "image/orb_extractor.h"
 #include "map/camera_identity.h"
@@ -39,25 +40,53 @@ absl::Status CheckImage(const cv::Mat& image, const Camera& camera, const char* 
   return absl::OkStatus();
 }
 
-std::vector<double> ScalesFor(const map::Snapshot& map, const Pinhole& pinhole) {
+absl::Status CheckFeatures(const api::ImageFeatures& features, const image::OrbParameters& map_orb) {
+  if (features.features.size() != features.features.descriptors.size()) {
+    return absl::InvalidArgumentError("localize: there must be a descriptor for each keypoint");
+  }
+  image::OrbParameters orb = features.orb;
+  orb.num_features = map_orb.num_features;
+  if (orb == map_orb) return absl::OkStatus();
+  const auto text = [](const image::OrbParameters& p) {
+    return absl::StrCat(p.num_levels, " levels, scale ", p.scale_factor, ", thresholds ", p.fast_threshold, " and ",
+                        p.min_fast_threshold);
+  };
+  return absl::FailedPreconditionError(absl::StrCat("localize: the features were extracted with ", text(orb),
+                                                    ", those of the map with ", text(map_orb)));
+}
+
+double FinestFocalPx(const map::Snapshot& map) {
   double finest_px = 0.0;
   for (const auto& [id, camera] : map.cameras()) finest_px = std::max(finest_px, camera.pinhole.fx_px);
+  return finest_px;
+}
+
+std::vector<double> ScalesFor(double finest_px, const Pinhole& pinhole) {
   if (finest_px <= 0.0 || pinhole.fx_px <= kFinerThanMap * finest_px) return {1.0};
   return {finest_px / pinhole.fx_px, 1.0};
 }
 
-absl::StatusOr<QueryFeatures> ExtractQuery(const map::Snapshot& map, const image::Undistorter& undistorter,
-                                           const cv::Mat& undistorted, double scale, int num_features) {
-  QueryFeatures query;
-  query.pinhole = undistorter.pinhole();
+absl::StatusOr<api::ImageFeatures> ExtractAt(const image::OrbParameters& orb, const Pinhole& pinhole,
+                                             const cv::Mat& undistorted, double scale, int num_features) {
+  api::ImageFeatures extracted;
+  extracted.pinhole = pinhole;
+  extracted.orb = orb;
   cv::Mat image = undistorted;
   if (scale < 1.0) {
-    query.pinhole = Resized(query.pinhole, static_cast<int>(std::lround(scale * undistorted.cols)),
-                            static_cast<int>(std::lround(scale * undistorted.rows)));
-    cv::resize(undistorted, image, cv::Size(query.pinhole.width_px, query.pinhole.height_px), 0.0, 0.0, cv::INTER_AREA);
+    extracted.pinhole = Resized(pinhole, static_cast<int>(std::lround(scale * undistorted.cols)),
+                                static_cast<int>(std::lround(scale * undistorted.rows)));
+    const cv::Size size(extracted.pinhole.width_px, extracted.pinhole.height_px);
+    cv::resize(undistorted, image, size, 0.0, 0.0, cv::INTER_AREA);
   }
-  const image::OrbExtractor extractor(map.info().orb);
-  CAIRN_ASSIGN_OR_RETURN(query.features, extractor.Extract(image, num_features));
+  CAIRN_ASSIGN_OR_RETURN(extracted.features, image::OrbExtractor(orb).Extract(image, num_features));
+  return extracted;
+}
+
+absl::StatusOr<QueryFeatures> ExtractQuery(const map::Snapshot& map, const image::Undistorter& undistorter,
+                                           const cv::Mat& undistorted, double scale, int num_features) {
+  CAIRN_ASSIGN_OR_RETURN(api::ImageFeatures extracted,
+                         ExtractAt(map.info().orb, undistorter.pinhole(), undistorted, scale, num_features));
+  QueryFeatures query{std::move(extracted.features), extracted.pinhole};
   query.lens = CorrectLens(map, undistorter.camera(), query.pinhole, &query.features);
   return query;
 }

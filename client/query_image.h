@@ -17,10 +17,24 @@ namespace cairn::client {
 // InvalidArgument, behind `who`: not CV_8UC1, empty, or of another size than the camera.
 absl::Status CheckImage(const cv::Mat& image, const Camera& camera, const char* who);
 
+// InvalidArgument without features; FailedPrecondition if they were extracted otherwise than those of the map.
+absl::Status CheckFeatures(const api::ImageFeatures& features, const image::OrbParameters& map_orb);
+
+// The focal length of the finest of the map's cameras, pixels; 0: it has none.
+double FinestFocalPx(const map::Snapshot& map);
+
 // At which scales to look for an undistorted image in the map, the likeliest first: where its pixels are much finer
 // than those of the map's cameras it is reduced to theirs, as what it shows beyond that the map does not know; at full
 // size only as a second try, as a long lens sees from afar what they saw from near.
-std::vector<double> ScalesFor(const map::Snapshot& map, const Pinhole& pinhole);
+std::vector<double> ScalesFor(double map_finest_px, const Pinhole& pinhole);
+inline std::vector<double> ScalesFor(const map::Snapshot& map, const Pinhole& pinhole) {
+  return ScalesFor(FinestFocalPx(map), pinhole);
+}
+
+// Features of an undistorted image as `orb` says, at most `num_features` of them or as many as it says, where the image
+// would be seen at this scale.
+absl::StatusOr<api::ImageFeatures> ExtractAt(const image::OrbParameters& orb, const Pinhole& pinhole,
+                                             const cv::Mat& undistorted, double scale, int num_features);
 
 // Features of an undistorted image, and the pinhole in whose pixels they are.
 struct QueryFeatures {

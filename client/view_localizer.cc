@@ -10,9 +10,6 @@
 namespace cairn::client {
 namespace {
 
-constexpr std::size_t kKeptUndistorters = 4;
-constexpr std::int64_t kKeptPixels = 50'000'000;  // of all of them, 6 bytes each; the last one is kept in any case
-
 using Clock = std::chrono::steady_clock;
 
 double MillisecondsSince(Clock::time_point start) {
@@ -39,9 +36,11 @@ api::LocalizeStage ToApi(tracking::RelocalizationStage stage) {
   return api::LocalizeStage::kFeatures;
 }
 
-absl::Status CheckQuery(const api::LocalizeQuery& query) {
+absl::Status CheckQuery(const api::LocalizeQuery& query, const image::OrbParameters& orb) {
   CAIRN_RETURN_IF_ERROR(Annotate(query.camera.Validate(), "localize"));
-  return CheckImage(query.image, query.camera, "localize");
+  if (!query.features) return CheckImage(query.image, query.camera, "localize");
+  if (!query.image.empty()) return absl::InvalidArgumentError("localize: give an image or its features, not both");
+  return CheckFeatures(*query.features, orb);
 }
 
 api::LocatedPose ToApi(const map::Snapshot& map, const tracking::FoundPlace& place,
@@ -102,44 +101,53 @@ absl::Status LocalLocalizerOptions::Validate() const {
   return relocalizer.Validate();
 }
 
-std::shared_ptr<const image::Undistorter> ViewLocalizer::KnownUndistorter(const Camera& camera) {
-  const std::lock_guard lock(mutex_);
-  const auto known = std::find_if(undistorters_.begin(), undistorters_.end(),
-                                  [&](const auto& undistorter) { return undistorter->camera() == camera; });
-  if (known == undistorters_.end()) return nullptr;
-  std::rotate(undistorters_.begin(), known, known + 1);
-  return undistorters_.front();
-}
-
-// Others are answered meanwhile; two that ask with the same new camera at once make the same twice, and keep one.
-absl::StatusOr<std::shared_ptr<const image::Undistorter>> ViewLocalizer::UndistorterFor(const Camera& camera) {
-  if (auto known = KnownUndistorter(camera)) return known;
-  CAIRN_ASSIGN_OR_RETURN(image::Undistorter made, image::Undistorter::Create(camera));
-  auto undistorter = std::make_shared<const image::Undistorter>(std::move(made));
-  if (auto known = KnownUndistorter(camera)) return known;
-  std::vector<std::shared_ptr<const image::Undistorter>> dropped;  // freed without the lock
-  const std::lock_guard lock(mutex_);
-  undistorters_.insert(undistorters_.begin(), undistorter);
-  std::int64_t pixels = 0;
-  for (std::size_t i = 0; i < undistorters_.size(); ++i) {
-    const Camera& kept = undistorters_[i]->camera();
-    pixels += undistorters_[i]->identity() ? 0 : std::int64_t{kept.width_px} * kept.height_px;
-    if (i == 0 || (i < kKeptUndistorters && pixels <= kKeptPixels)) continue;
-    dropped.assign(undistorters_.begin() + static_cast<std::ptrdiff_t>(i), undistorters_.end());
-    undistorters_.resize(i);
-  }
-  return undistorter;
-}
-
 absl::StatusOr<api::LocalizeAnswer> ViewLocalizer::Localize(const tracking::MapView& view,
                                                             const api::LocalizeQuery& query) {
   return Guarded([&] { return Locate(view, query); });
 }
 
+absl::StatusOr<tracking::Relocalization> ViewLocalizer::FindImage(const tracking::MapView& view,
+                                                                  const api::LocalizeQuery& query,
+                                                                  const tracking::SearchArea& area,
+                                                                  api::LocalizeAnswer* answer) {
+  const map::Snapshot& map = view.map();
+  const auto start = Clock::now();
+  CAIRN_ASSIGN_OR_RETURN(const auto undistorter, undistorters_.For(query.camera));
+  CAIRN_ASSIGN_OR_RETURN(const cv::Mat image, undistorter->Undistort(query.image));
+  answer->extract_ms = MillisecondsSince(start);
+  tracking::Relocalization found;
+  for (const double scale : ScalesFor(map, undistorter->pinhole())) {
+    const auto begin = Clock::now();
+    CAIRN_ASSIGN_OR_RETURN(const QueryFeatures features,
+                           ExtractQuery(map, *undistorter, image, scale, options_.num_features));
+    answer->lens = features.lens;
+    answer->extract_ms += MillisecondsSince(begin);
+    const auto extracted = Clock::now();
+    CAIRN_ASSIGN_OR_RETURN(found,
+                           relocalizer_.Relocalize(map, *view.places(), features.pinhole, features.features, area));
+    answer->locate_ms += MillisecondsSince(extracted);
+    if (found.localized || !found.rivals.empty()) break;
+  }
+  return found;
+}
+
+absl::StatusOr<tracking::Relocalization> ViewLocalizer::FindFeatures(const tracking::MapView& view,
+                                                                     const api::LocalizeQuery& query,
+                                                                     const tracking::SearchArea& area,
+                                                                     api::LocalizeAnswer* answer) {
+  const auto start = Clock::now();
+  image::Features features = query.features->features;
+  const Pinhole& pinhole = query.features->pinhole;
+  answer->lens = CorrectLens(view.map(), query.camera, pinhole, &features);
+  auto found = relocalizer_.Relocalize(view.map(), *view.places(), pinhole, features, area);
+  answer->locate_ms = MillisecondsSince(start);
+  return found;
+}
+
 absl::StatusOr<api::LocalizeAnswer> ViewLocalizer::Locate(const tracking::MapView& view,
                                                           const api::LocalizeQuery& query) {
-  CAIRN_RETURN_IF_ERROR(CheckQuery(query));
   const map::Snapshot& map = view.map();
+  CAIRN_RETURN_IF_ERROR(CheckQuery(query, map.info().orb));
   if (view.places() == nullptr) {
     return absl::FailedPreconditionError("the map has no vocabulary, so that no place can be found in it");
   }
@@ -153,23 +161,8 @@ absl::StatusOr<api::LocalizeAnswer> ViewLocalizer::Locate(const tracking::MapVie
     CAIRN_ASSIGN_OR_RETURN(area.priors, ToPriors(map, *query.prior));
   }
 
-  const auto start = Clock::now();
-  CAIRN_ASSIGN_OR_RETURN(const auto undistorter, UndistorterFor(query.camera));
-  CAIRN_ASSIGN_OR_RETURN(const cv::Mat image, undistorter->Undistort(query.image));
-  answer.extract_ms = MillisecondsSince(start);
-  tracking::Relocalization found;
-  for (const double scale : ScalesFor(map, undistorter->pinhole())) {
-    const auto begin = Clock::now();
-    CAIRN_ASSIGN_OR_RETURN(const QueryFeatures features,
-                           ExtractQuery(map, *undistorter, image, scale, options_.num_features));
-    answer.lens = features.lens;
-    answer.extract_ms += MillisecondsSince(begin);
-    const auto extracted = Clock::now();
-    CAIRN_ASSIGN_OR_RETURN(found,
-                           relocalizer_.Relocalize(map, *view.places(), features.pinhole, features.features, area));
-    answer.locate_ms += MillisecondsSince(extracted);
-    if (found.localized || !found.rivals.empty()) break;
-  }
+  CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found, query.features ? FindFeatures(view, query, area, &answer)
+                                                                              : FindImage(view, query, area, &answer));
   answer.localized = found.localized;
   answer.stage = ToApi(found.stage);
   answer.reason = found.reason;

@@ -1,12 +1,8 @@
 // Localization against a view of a map, wherever that comes from: a file, or the head of a map that is being extended.
 #pragma once
 
-#include <memory>
-#include <mutex>
-#include <vector>
-
 #include "api/localizer.h"
-#include "image/undistort.h"
+#include "client/undistorter_cache.h"
 #include "tracking/map_error.h"
 #include "tracking/map_view.h"
 #include "tracking/relocalizer.h"
@@ -31,14 +27,15 @@ class ViewLocalizer {
 
  private:
   absl::StatusOr<api::LocalizeAnswer> Locate(const tracking::MapView& view, const api::LocalizeQuery& query);
-  std::shared_ptr<const image::Undistorter> KnownUndistorter(const Camera& camera);  // null: not known
-  absl::StatusOr<std::shared_ptr<const image::Undistorter>> UndistorterFor(const Camera& camera);
+  // What is done with an image, and with features. Times and the lens go to `answer`.
+  absl::StatusOr<tracking::Relocalization> FindImage(const tracking::MapView& view, const api::LocalizeQuery& query,
+                                                     const tracking::SearchArea& area, api::LocalizeAnswer* answer);
+  absl::StatusOr<tracking::Relocalization> FindFeatures(const tracking::MapView& view, const api::LocalizeQuery& query,
+                                                        const tracking::SearchArea& area, api::LocalizeAnswer* answer);
 
   const LocalLocalizerOptions options_;
   const tracking::Relocalizer relocalizer_;
-
-  std::mutex mutex_;  // of the last cameras, most recent first: making undistortion maps takes longer than using them
-  std::vector<std::shared_ptr<const image::Undistorter>> undistorters_;
+  UndistorterCache undistorters_;
 };
 
 }  // namespace cairn::client

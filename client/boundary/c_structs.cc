@@ -12,7 +12,7 @@ namespace {
 static_assert(sizeof(void*) != 8 ||
               (sizeof(cairn_error) == kFirstSize<cairn_error> &&
                sizeof(cairn_call_options) == kFirstSize<cairn_call_options> &&
-               sizeof(cairn_map_options) == kFirstSize<cairn_map_options> &&
+               offsetof(cairn_map_options, token) == kFirstSize<cairn_map_options> &&
                sizeof(cairn_map_info) == kFirstSize<cairn_map_info> &&
                sizeof(cairn_camera) == kFirstSize<cairn_camera> && sizeof(cairn_image) == kFirstSize<cairn_image> &&
                sizeof(cairn_component) == kFirstSize<cairn_component> &&
@@ -83,6 +83,9 @@ absl::StatusOr<v0::MapOptions> ReadMapOptions(const cairn_map_options* options) 
   CAIRN_ASSIGN_OR_RETURN(const cairn_map_options known, ReadStruct(options, "cairn_map_options"));
   CAIRN_RETURN_IF_ERROR(CheckReserved(known.reserved, "cairn_map_options"));
   result.num_features = known.num_features;
+  const auto text = [](const char* given) { return std::string(given == nullptr ? "" : given); };
+  result.server = {text(known.token),    text(known.ca_file), text(known.certificate_file),
+                   text(known.key_file), known.tls != 0,      known.token_in_clear != 0};
   return result;
 }
 

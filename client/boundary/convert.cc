@@ -102,6 +102,10 @@ v0::Camera ToPublic(const Camera& camera) {
   return result;
 }
 
+ServerAccess ToInternal(const v0::ServerOptions& server) {
+  return {server.token, {server.tls, server.ca_file, server.certificate_file, server.key_file}, server.token_in_clear};
+}
+
 absl::StatusOr<cv::Mat> GrayImage(const v0::ImageView& view) {
   CAIRN_RETURN_IF_ERROR(view.Validate());
   const bool gray = view.format == v0::PixelFormat::kGray8;

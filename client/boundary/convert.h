@@ -14,6 +14,7 @@
 #include "cairn/localizer.h"
 #include "cairn/map.h"
 #include "cairn/pose.h"
+#include "client/remote/server_access.h"
 #include "geometry/camera.h"
 #include "map/snapshot.h"
 
@@ -27,6 +28,8 @@ absl::StatusOr<Camera> ToInternal(const v0::Camera& camera);
 v0::Camera ToPublic(const Camera& camera);
 // InvalidArgument for a quaternion that is not of unit length.
 absl::StatusOr<api::PosePrior> ToInternal(const v0::PosePrior& prior);
+
+ServerAccess ToInternal(const v0::ServerOptions& server);
 
 // CV_8UC1. A grey view's pixels are referred to, not copied, and must not be written to.
 absl::StatusOr<cv::Mat> GrayImage(const v0::ImageView& view);

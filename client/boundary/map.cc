@@ -24,7 +24,8 @@ absl::StatusOr<Map> Map::Open(const std::string& path, const MapOptions& options
     CAIRN_RETURN_IF_ERROR(client::CheckCall(call, path));
     client::LocalLocalizerOptions localizer;
     localizer.num_features = options.num_features;
-    CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<client::MapState> map, client::MapState::Open(path, localizer));
+    CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<client::MapState> map,
+                           client::MapState::Open(path, localizer, client::ToInternal(options.server)));
     CAIRN_RETURN_IF_ERROR(client::CheckCall(call, path));
     return Map(std::make_shared<Impl>(std::move(map)));
   });

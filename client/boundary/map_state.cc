@@ -13,14 +13,13 @@ namespace {
 constexpr absl::string_view kServerScheme = "cairn://";
 
 // A copy of a map of a server.
-absl::StatusOr<std::unique_ptr<ViewSource>> OpenServed(absl::string_view uri) {
+absl::StatusOr<std::unique_ptr<ViewSource>> OpenServed(absl::string_view uri, const ServerAccess& access) {
   const absl::string_view where = absl::StripPrefix(uri, kServerScheme);
   const std::size_t slash = where.rfind('/');
   if (slash == absl::string_view::npos || slash == 0 || slash + 1 == where.size()) {
     return absl::InvalidArgumentError(absl::StrCat(uri, ": a map of a server is named as cairn://HOST:PORT/NAME"));
   }
-  RemoteOptions options;
-  options.server = std::string(where.substr(0, slash));
+  CAIRN_ASSIGN_OR_RETURN(const RemoteOptions options, RemoteOptionsFor(std::string(where.substr(0, slash)), access));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<RemoteMapService> service, RemoteMapService::Connect(options));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<FollowedMap> copy,
                          service->CopyOf(std::string(where.substr(slash + 1))));
@@ -29,10 +28,10 @@ absl::StatusOr<std::unique_ptr<ViewSource>> OpenServed(absl::string_view uri) {
 
 }  // namespace
 
-absl::StatusOr<std::shared_ptr<MapState>> MapState::Open(const std::string& path,
-                                                         const LocalLocalizerOptions& options) {
+absl::StatusOr<std::shared_ptr<MapState>> MapState::Open(const std::string& path, const LocalLocalizerOptions& options,
+                                                         const ServerAccess& server) {
   if (absl::StartsWith(path, kServerScheme)) {
-    CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<ViewSource> copy, OpenServed(path));
+    CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<ViewSource> copy, OpenServed(path, server));
     CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<LocalLocalizer> localizer, LocalLocalizer::Open(std::move(copy), options));
     return std::shared_ptr<MapState>(new MapState(std::move(localizer)));
   }

@@ -10,6 +10,7 @@
 #include "api/localizer.h"
 #include "base/status.h"
 #include "client/local_localizer.h"
+#include "client/remote/server_access.h"
 #include "client/view_source.h"
 #include "map/snapshot.h"
 
@@ -20,7 +21,8 @@ class MapState {
  public:
   // `path`: a file, or "cairn://HOST:PORT/NAME", a map of a server. Errors as of LocalLocalizer::Open() and
   // RemoteMapService::CopyOf().
-  static absl::StatusOr<std::shared_ptr<MapState>> Open(const std::string& path, const LocalLocalizerOptions& options);
+  static absl::StatusOr<std::shared_ptr<MapState>> Open(const std::string& path, const LocalLocalizerOptions& options,
+                                                        const ServerAccess& server = {});
 
   // Waits for the readers that there are, and those that come later for it.
   absl::StatusOr<bool> Refresh();

@@ -332,7 +332,14 @@ TEST_P(MapAdminConformance, LocalizesInSeveralMaps) {
   const auto nowhere = service_->LocalizeAcross({"empty"}, Query());
   ASSERT_TRUE(nowhere.ok()) << nowhere.status();
   EXPECT_EQ(nowhere->located(), nullptr);
-  EXPECT_EQ(service_->LocalizeAcross({"room", "kitchen"}, Query()).status().code(), absl::StatusCode::kNotFound);
+  // One that is not there is told, and the others answer; if none of them is there, that is an error.
+  const auto without = service_->LocalizeAcross({"room", "kitchen"}, Query());
+  ASSERT_TRUE(without.ok()) << without.status();
+  EXPECT_EQ(without->map, "room");
+  ASSERT_EQ(without->answers.size(), 2u);
+  EXPECT_EQ(without->answers[1].map, "kitchen");
+  EXPECT_EQ(without->answers[1].status.code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(service_->LocalizeAcross({"kitchen", "cellar"}, Query()).status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(service_->LocalizeAcross({"../room"}, Query()).status().code(), absl::StatusCode::kInvalidArgument);
   api::LocalizeQuery bad = Query();
   bad.camera.fx_px = -1.0;

@@ -85,6 +85,13 @@ typedef struct cairn_map_options {
   size_t struct_size;   /**< sizeof(cairn_map_options) */
   int32_t num_features; /**< looked for in an image to be located; 0: as many as in the map's keyframes */
   int32_t reserved;     /**< 0 */
+  /* How the server of a map is asked, of no account for a file. NULL or empty: as the environment says. */
+  const char* token;            /**< that it asks for; CAIRN_TOKEN */
+  const char* ca_file;          /**< PEM: the CA of its certificate, turns TLS on; CAIRN_CA */
+  const char* certificate_file; /**< PEM: the certificate that it asks for; CAIRN_CERT */
+  const char* key_file;         /**< PEM: its key; CAIRN_KEY */
+  int32_t tls;                  /**< 1: TLS, with a certificate of a CA that this machine trusts; CAIRN_TLS=1 */
+  int32_t token_in_clear;       /**< 1: send the token without TLS, also to other machines */
 } cairn_map_options;
 
 /** What a map is, in one revision. */

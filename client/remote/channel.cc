@@ -70,7 +70,7 @@ std::shared_ptr<grpc::ChannelCredentials> CredentialsOf(const RemoteOptions& opt
 }
 
 // What the connection says of why it is none, with what to do.
-std::string HintFor(const std::string& said) {
+std::string HintFor(const std::string& said, const RemoteOptions& options) {
   const std::string message = absl::AsciiStrToLower(said);
   if (absl::StrContains(message, "peer name")) {
     return "its certificate is for another name: name the server as its certificate does";
@@ -80,7 +80,14 @@ std::string HintFor(const std::string& said) {
     return "TLS failed: is its certificate of the CA given by --ca, does it ask for one of yours (--cert, --key), does "
            "it speak TLS at all?";
   }
-  if (absl::StrContains(message, "socket closed") || absl::StrContains(message, "reset")) {
+  const bool closed = absl::StrContains(message, "socket closed") || absl::StrContains(message, "reset") ||
+                      absl::StrContains(message, "broken pipe");
+  // With TLS 1.3 a client is through before the server has looked for its certificate.
+  if (closed && options.tls && options.tls->certificate_pem.empty()) {
+    return "the server hung up: it may ask for a certificate of yours (--cert, --key)";
+  }
+  if (closed && options.tls) return "the server hung up: is your certificate (--cert) of the CA that it asks for?";
+  if (closed) {
     return "is cairnd running there, and does it speak TLS (--ca, --tls)?";
   }
   return "is cairnd running there?";
@@ -124,12 +131,13 @@ void PauseAndConnect(int attempt, grpc::Channel* channel) {
   channel->WaitForConnected(std::chrono::system_clock::now() + kLongestConnecting);
 }
 
-absl::Status FromGrpc(const grpc::Status& status, const std::string& server) {
+absl::Status FromGrpc(const grpc::Status& status, const RemoteOptions& options) {
   if (status.ok()) return absl::OkStatus();
+  const std::string& server = options.server;
   // What the server has to say of an error comes with details; what comes without is the connection's.
   if (status.error_code() == grpc::StatusCode::UNAVAILABLE && status.error_details().empty()) {
-    return absl::UnavailableError(
-        absl::StrCat("no answer from ", server, " (", status.error_message(), "): ", HintFor(status.error_message())));
+    return absl::UnavailableError(absl::StrCat("no answer from ", server, " (", status.error_message(),
+                                               "): ", HintFor(status.error_message(), options)));
   }
   if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED && status.error_details().empty()) {
     return absl::DeadlineExceededError(absl::StrCat(server, " did not answer in time"));

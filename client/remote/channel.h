@@ -24,6 +24,6 @@ std::chrono::milliseconds PauseBefore(int attempt);
 void PauseAndConnect(int attempt, grpc::Channel* channel);
 
 // With its fault, and for a server that cannot be reached with its name and what to do.
-absl::Status FromGrpc(const grpc::Status& status, const std::string& server);
+absl::Status FromGrpc(const grpc::Status& status, const RemoteOptions& options);
 
 }  // namespace cairn::client

@@ -196,7 +196,7 @@ absl::Status FollowedMap::Follow() {
   const std::unique_ptr<grpc::ClientReader<v1::FollowMapResponse>> stream = stub_->FollowMap(&context, request);
   const absl::Status read = Guarded([&] { return ReadUpdates(stream.get()); });
   if (!read.ok()) context.TryCancel();
-  const absl::Status ended = FromGrpc(stream->Finish(), options_.server);
+  const absl::Status ended = FromGrpc(stream->Finish(), options_);
   set_call(nullptr);
   return read.ok() ? ended : read;
 }

@@ -19,12 +19,25 @@
 namespace cairn::client {
 
 absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Stubs::Locate(const std::string& map,
-                                                                    const api::LocalizeQuery& query) const {
+                                                                    const api::LocalizeQuery& query) {
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
-  CAIRN_RETURN_IF_ERROR(CheckImage(query.image, query.camera, "localize"));
+  if (!options.send_features || query.features) return Ask(map, query);
+  return Guarded([&] {
+    return sender.Localize(
+        map, query, [&] { return Describe(map); }, [&](const api::LocalizeQuery& sent) { return Ask(map, sent); });
+  });
+}
+
+absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Stubs::Ask(const std::string& map,
+                                                                 const api::LocalizeQuery& query) const {
+  if (!query.features) CAIRN_RETURN_IF_ERROR(CheckImage(query.image, query.camera, "localize"));
   v1::LocalizeImageRequest request;
   request.set_map(map);
-  wire::ToProto(query.image, request.mutable_image());
+  if (query.features) {
+    wire::ToProto(*query.features, request.mutable_features());
+  } else {
+    wire::ToProto(query.image, request.mutable_image());
+  }
   wire::ToProto(query.camera, request.mutable_camera());
   request.set_time_ns(query.time_ns);
   if (query.prior) wire::ToProto(*query.prior, request.mutable_prior());
@@ -58,7 +71,9 @@ RemoteMapService::~RemoteMapService() = default;
 absl::StatusOr<std::unique_ptr<RemoteMapService>> RemoteMapService::Connect(const RemoteOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
   return Guarded([&]() -> absl::StatusOr<std::unique_ptr<RemoteMapService>> {
-    return std::unique_ptr<RemoteMapService>(new RemoteMapService(std::make_shared<Stubs>(options)));
+    RemoteOptions resolved = options;
+    resolved.server = wire::WithPort(options.server);
+    return std::unique_ptr<RemoteMapService>(new RemoteMapService(std::make_shared<Stubs>(resolved)));
   });
 }
 
@@ -72,12 +87,14 @@ absl::StatusOr<std::vector<api::MapSummary>> RemoteMapService::List() {
   return maps;
 }
 
-absl::StatusOr<api::MapDescription> RemoteMapService::Describe(const std::string& map) {
+absl::StatusOr<api::MapDescription> RemoteMapService::Describe(const std::string& map) { return stubs_->Describe(map); }
+
+absl::StatusOr<api::MapDescription> RemoteMapService::Stubs::Describe(const std::string& map) const {
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));  // what is no text cannot be sent as one
   v1::DescribeMapRequest request;
   request.set_map(map);
   v1::DescribeMapResponse response;
-  CAIRN_RETURN_IF_ERROR(stubs_->Call([&](auto* call) { return stubs_->maps->DescribeMap(call, request, &response); }));
+  CAIRN_RETURN_IF_ERROR(Call([&](auto* call) { return maps->DescribeMap(call, request, &response); }));
   return wire::FromProto(response);
 }
 
@@ -89,13 +106,17 @@ absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Localize(const std::string
 absl::StatusOr<api::AcrossAnswer> RemoteMapService::LocalizeAcross(const std::vector<std::string>& maps,
                                                                    const api::LocalizeQuery& query) {
   if (query.prior) return absl::InvalidArgumentError("localize: a prior is of one map, not of several");
-  CAIRN_RETURN_IF_ERROR(CheckImage(query.image, query.camera, "localize"));
+  if (!query.features) CAIRN_RETURN_IF_ERROR(CheckImage(query.image, query.camera, "localize"));
   v1::LocalizeInMapsRequest request;
   for (const std::string& map : maps) {
     CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
     request.add_maps(map);
   }
-  wire::ToProto(query.image, request.mutable_image());
+  if (query.features) {
+    wire::ToProto(*query.features, request.mutable_features());
+  } else {
+    wire::ToProto(query.image, request.mutable_image());
+  }
   wire::ToProto(query.camera, request.mutable_camera());
   request.set_time_ns(query.time_ns);
   v1::LocalizeInMapsResponse response;

@@ -24,7 +24,7 @@ enum class TrackAt {
 };
 
 struct RemoteOptions {
-  std::string server = "localhost:7878";  // HOST:PORT, or unix:/path
+  std::string server = "localhost:7878";  // HOST, HOST:PORT, or unix:/path
   double deadline_s = 30.0;               // of each call, retries included
   double long_deadline_s = 1800.0;        // of calls that go over all of a map: copies, checks, files
   // A call that only reads is made again when the server could not be reached, so often in all, after 0.1 to 1 s.
@@ -36,6 +36,10 @@ struct RemoteOptions {
   // Of a larger map they keep a part with so many keyframes, around the camera (client/remote/region_tracker.h); 150 kB
   // each, as a rule.
   int max_copied_keyframes = 2000;
+
+  // Of an image that is to be located in one map, send its features in place of its pixels: they are extracted here, as
+  // those of the map were (client/remote/feature_sender.h).
+  bool send_features = false;
 
   // Sent with every call; empty: none. Without TLS it goes to this machine only, unless `token_in_clear`.
   std::string token;

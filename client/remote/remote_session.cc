@@ -62,7 +62,7 @@ absl::Status RemoteSession::Exchange(const v1::RunSessionRequest& request, v1::R
     }
     return absl::OkStatus();
   }
-  const absl::Status status = FromGrpc(stream_->Finish(), options_.server);
+  const absl::Status status = FromGrpc(stream_->Finish(), options_);
   stream_.reset();
   return status.ok() ? absl::UnavailableError(absl::StrCat(options_.server, " ended the session's stream")) : status;
 }

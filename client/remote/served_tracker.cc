@@ -34,7 +34,7 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> ServedTracker::Start(const RemoteO
 
 absl::Status ServedTracker::Exchange(const v1::TrackFramesRequest& request, v1::TrackFramesResponse* response) {
   if (stream_->Write(request) && stream_->Read(response)) return absl::OkStatus();
-  const absl::Status status = FromGrpc(stream_->Finish(), options_.server);
+  const absl::Status status = FromGrpc(stream_->Finish(), options_);
   stream_.reset();
   return status.ok() ? absl::UnavailableError(absl::StrCat(options_.server, " ended the tracker's stream")) : status;
 }

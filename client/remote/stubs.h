@@ -15,6 +15,7 @@
 
 #include "base/guarded.h"
 #include "client/remote/channel.h"
+#include "client/remote/feature_sender.h"
 #include "client/remote/followed_map.h"
 #include "client/remote/remote_map_service.h"
 
@@ -45,12 +46,15 @@ struct RemoteMapService::Stubs {
     return Guarded([&] {
       grpc::ClientContext context;
       SetDeadline(deadline_s, &context);
-      return FromGrpc(call(&context), options.server);
+      return FromGrpc(call(&context), options);
     });
   }
 
   // RemoteMapService::Localize().
-  absl::StatusOr<api::LocalizeAnswer> Locate(const std::string& map, const api::LocalizeQuery& query) const;
+  absl::StatusOr<api::LocalizeAnswer> Locate(const std::string& map, const api::LocalizeQuery& query);
+  // The call, with what the query has: an image or features.
+  absl::StatusOr<api::LocalizeAnswer> Ask(const std::string& map, const api::LocalizeQuery& query) const;
+  absl::StatusOr<api::MapDescription> Describe(const std::string& map) const;
 
   const RemoteOptions options;
   const std::shared_ptr<grpc::Channel> channel;
@@ -60,6 +64,7 @@ struct RemoteMapService::Stubs {
   const std::unique_ptr<v1::Admin::Stub> admin;
   const std::unique_ptr<v1::Status::Stub> status;
 
+  FeatureSender sender;
   std::mutex mutex;  // of the maps that are followed
   std::map<std::string, std::weak_ptr<FollowedMap>> followed;
 };

@@ -40,10 +40,18 @@ class AuthorizedFeed final : public api::MapFeed {
   const Client client_;
 };
 
+std::string SessionDetails(const api::MapSession& session) {
+  return absl::StrFormat(R"({"session":%d})", session.progress().session.value());
+}
+
 class AuthorizedSession final : public api::MapSession {
  public:
   AuthorizedSession(std::unique_ptr<api::MapSession> session, Access* access, Client client)
       : session_(std::move(session)), access_(*access), client_(std::move(client)) {}
+  // A client that goes without a word leaves a line, too: the session waits for it, or is cut off with the server.
+  ~AuthorizedSession() override {
+    if (!finished_) access_.Record(client_, {"session_left", map(), SessionDetails(*session_)}, absl::OkStatus());
+  }
 
   const std::string& token() const override { return session_->token(); }
   const std::string& map() const override { return session_->map(); }
@@ -58,6 +66,7 @@ class AuthorizedSession final : public api::MapSession {
   absl::StatusOr<api::SessionSummary> Finish() override {
     const auto finish = [&]() -> absl::StatusOr<api::SessionSummary> {
       CAIRN_RETURN_IF_ERROR(access_.Require(client_, Right::kExtend, map()));
+      finished_ = true;
       return session_->Finish();
     };
     absl::StatusOr<api::SessionSummary> summary = finish();
@@ -73,11 +82,8 @@ class AuthorizedSession final : public api::MapSession {
   const std::unique_ptr<api::MapSession> session_;
   Access& access_;
   const Client client_;
+  bool finished_ = false;
 };
-
-std::string SessionDetails(const api::MapSession& session) {
-  return absl::StrFormat(R"({"session":%d})", session.progress().session.value());
-}
 
 }  // namespace
 

@@ -1,12 +1,18 @@
 #include "server/daemon/daemon.h"
 
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
 #include <optional>
 #include <utility>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
+#include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "wire/addresses.h"
@@ -45,6 +51,26 @@ absl::StatusOr<std::optional<ServerTls>> TlsOf(const TlsOptions& options) {
   return tls;
 }
 
+// A log that is there, or the folder that it would be in.
+absl::Status CheckLog(const std::string& path) {
+  if (path.empty()) return absl::OkStatus();
+  std::error_code error;
+  const bool there = std::filesystem::exists(path, error);
+  const std::string folder = std::filesystem::absolute(path, error).parent_path().string();
+  if (::access(there ? path.c_str() : folder.c_str(), W_OK) == 0) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrCat("the log ", path, " cannot be written: ", std::strerror(errno)));
+}
+
+void RecordAbandoned(const host::SessionTable::Abandoned& session, Access* access) {
+  Client client;
+  client.peer = "server";  // nobody asked for it
+  const api::SessionProgress& progress = session.session.progress;
+  const std::string details =
+      absl::StrFormat(R"({"session":%d,"frames":%d,"revision":%d,"client":"%s"})", progress.session.value(),
+                      session.session.frames, progress.revision, absl::CEscape(session.client));
+  access->Record(client, {"session_abandoned", session.session.map, details}, session.finished);
+}
+
 ServerState StateOf(host::MapHost& maps) {
   ServerState state;
   for (const host::MapHost::OpenMap& map : maps.OpenMaps()) {
@@ -52,6 +78,7 @@ ServerState StateOf(host::MapHost& maps) {
   }
   state.active_sessions = maps.ActiveSessions();
   state.waiting = maps.waiting();
+  state.followers = maps.followers();
   const host::SessionTable::Counts sessions = maps.sessions();
   state.sessions = sessions.held;
   state.sessions_waiting = sessions.waiting;
@@ -80,6 +107,13 @@ absl::Status DaemonOptions::Validate() const {
 }
 
 absl::Status DaemonOptions::CheckFiles() const {
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<host::MapHost> host, host::MapHost::Open(maps));
+  CAIRN_RETURN_IF_ERROR(host->Ready());
+  if (::access(maps.directory.c_str(), W_OK | X_OK) != 0) {
+    return absl::PermissionDeniedError(
+        absl::StrCat(maps.directory, ": maps cannot be made or extended there: ", std::strerror(errno)));
+  }
+  for (const std::string& log : {access.audit_log, access.request_log}) CAIRN_RETURN_IF_ERROR(CheckLog(log));
   CAIRN_RETURN_IF_ERROR(TlsOf(tls).status());
   return access.tokens.empty() ? absl::OkStatus() : ReadTokens(access.tokens).status();
 }
@@ -98,7 +132,11 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const DaemonOptions& optio
   CAIRN_RETURN_IF_ERROR(options.Validate());
   auto daemon = std::unique_ptr<Daemon>(new Daemon);
   CAIRN_ASSIGN_OR_RETURN(daemon->access_, Access::Open(options.access));
-  CAIRN_ASSIGN_OR_RETURN(daemon->maps_, host::MapHost::Open(options.maps));
+  host::MapHostOptions maps = options.maps;
+  maps.on_abandoned = [access = daemon->access_.get()](const host::SessionTable::Abandoned& session) {
+    RecordAbandoned(session, access);
+  };
+  CAIRN_ASSIGN_OR_RETURN(daemon->maps_, host::MapHost::Open(maps));
   CAIRN_RETURN_IF_ERROR(daemon->Listen(options));
   return daemon;
 }

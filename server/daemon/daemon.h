@@ -30,7 +30,7 @@ struct DaemonOptions {
   bool without_protection = false;
 
   absl::Status Validate() const;
-  // Whether certificates and tokens can be used, as Start() finds out, too.
+  // Whether the directory of the maps, logs, certificates and tokens can be used. Changes nothing.
   absl::Status CheckFiles() const;
   // Who reaches it, and what stands between, for people.
   std::string ProtectionText() const;

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "io/yaml_file.h"
@@ -45,21 +46,29 @@ Setting YesNo(std::string key, std::string help, bool* value) {
   return setting;
 }
 
-// A number that is kept as `factor` times what is written.
+struct Range {
+  double least = 0.0, most = 0.0;  // both are allowed
+};
+
+// Of what is written, so that people read what they wrote.
+std::string NumberText(double number) { return absl::StrFormat("%.10g", number); }
+
+// A number that is kept as `factor` times what is written; the range is of what is written.
 template <class Number>
-Setting Quantity(std::string key, std::string help, Number* value, double factor = 1.0) {
+Setting Quantity(std::string key, std::string help, Range range, Number* value, double factor = 1.0) {
   return {std::move(key), std::move(help), false, absl::StrCat(static_cast<double>(*value) / factor),
-          [value, factor](absl::string_view text) {
+          [value, range, factor](absl::string_view text) {
             double number = 0.0;
-            if (!absl::SimpleAtod(text, &number) || !std::isfinite(number) || std::abs(number * factor) > 9e15) {
-              return absl::InvalidArgumentError("must be a number");
+            if (!absl::SimpleAtod(text, &number) || !std::isfinite(number)) {
+              return absl::InvalidArgumentError(absl::StrCat("must be a number, not \"", text, "\""));
             }
-            number *= factor;
-            if (std::is_integral_v<Number> && (number != std::round(number) || std::abs(number) > 2e9) &&
-                sizeof(Number) < 8) {
-              return absl::InvalidArgumentError("must be a whole number");
+            const bool counts = std::is_integral_v<Number> && factor == 1.0;
+            if (counts && number != std::round(number)) return absl::InvalidArgumentError("must be a whole number");
+            if (number < range.least || number > range.most) {
+              return absl::InvalidArgumentError(absl::StrCat("must be ", NumberText(range.least), " to ",
+                                                             NumberText(range.most), ", not ", NumberText(number)));
             }
-            *value = static_cast<Number>(number);
+            *value = static_cast<Number>(number * factor);
             return absl::OkStatus();
           }};
 }
@@ -92,26 +101,30 @@ std::vector<Setting> SettingsOf(DaemonOptions* options) {
       Texts("cors_origins", "Origins of web pages that may ask over HTTP, with commas: https://maps.example.org, or *",
             &options->cors.origins),
       Quantity("max_client_sessions", "Sessions of one client at the same time, those included that wait for it",
-               &maps.max_client_sessions),
-      Quantity("max_client_calls", "Calls and streams of one client at the same time",
+               {1, 10'000}, &maps.max_client_sessions),
+      Quantity("max_client_calls", "Calls and streams of one client at the same time", {1, 100'000},
                &options->access.limits.max_calls),
-      Quantity("client_requests_per_s", "Requests of one client in a second", &options->access.limits.requests_per_s),
-      Quantity("client_mb_per_s", "That one client may send in a second", &options->access.limits.bytes_per_s, 1e6),
+      Quantity("client_requests_per_s", "Requests of one client in a second", {1, 1e6},
+               &options->access.limits.requests_per_s),
+      Quantity("client_mb_per_s", "That one client may send in a second", {0.1, 1e5},
+               &options->access.limits.bytes_per_s, 1e6),
       Text("geopose_map", "Map that the GeoPose Protocol asks; by default those near the position that a request names",
            &options->geopose_map),
-      Quantity("memory_mb", "Of all open maps together, roughly; those used longest ago are closed first",
+      Quantity("memory_mb", "Of all open maps together, roughly; those used longest ago are closed first", {1, 1e7},
                &maps.memory_budget_bytes, 1e6),
-      Quantity("idle_close_s", "A map that nobody has asked for so long is closed", &maps.idle_close_s),
-      Quantity("max_sessions", "Sessions at the same time", &maps.max_sessions),
+      Quantity("idle_close_s", "A map that nobody has asked for so long is closed", {1, 1e7}, &maps.idle_close_s),
+      Quantity("max_sessions", "Sessions at the same time", {1, 10'000}, &maps.max_sessions),
       Quantity("session_wait_s", "A session whose client is cut off waits so long for it, and is then finished",
-               &maps.session_wait_s),
-      Quantity("workers", "Images that are located at the same time (0: as many as processors)", &maps.workers),
-      Quantity("max_waiting", "Images that wait to be located; more are refused", &maps.max_waiting),
-      Quantity("max_calls", "Calls and streams over gRPC at the same time; more are refused",
+               {0, 1e6}, &maps.session_wait_s),
+      Quantity("workers", "Images that are located at the same time (0: as many as processors)", {0, 1024},
+               &maps.workers),
+      Quantity("max_waiting", "Images that wait to be located; more are refused", {0, 1e6}, &maps.max_waiting),
+      Quantity("max_calls", "Calls and streams over gRPC at the same time; more are refused", {8, 10'000},
                &options->grpc.max_threads),
-      Quantity("max_http_connections", "Further ones are closed at once", &options->http.max_connections),
-      Quantity("max_message_mb", "That a client may send at once", &options->grpc.max_message_bytes, 1 << 20),
-      Quantity("max_image_megapixels", "Of an image; its header is checked before it is decoded",
+      Quantity("max_http_connections", "Further ones are closed at once", {1, 100'000}, &options->http.max_connections),
+      Quantity("max_message_mb", "That a client may send at once", {0.0625, 1024}, &options->grpc.max_message_bytes,
+               1 << 20),
+      Quantity("max_image_megapixels", "Of an image; its header is checked before it is decoded", {0.01, 1000},
                &options->images.max_pixels, 1e6),
   };
 }

@@ -61,7 +61,10 @@ TEST_F(Settings, MistakesNameTheLine) {
   EXPECT_THAT(Refusal("memory_mb: lots\n"), testing::HasSubstr(":1: `memory_mb` must be a number"));
   EXPECT_THAT(Refusal("memory_mb: .inf\n"), testing::HasSubstr("must be a number"));
   EXPECT_THAT(Refusal("max_sessions: 1.5\n"), testing::HasSubstr("whole number"));
-  EXPECT_THAT(Refusal("max_sessions: 1e12\n"), testing::HasSubstr("whole number"));
+  EXPECT_THAT(Refusal("max_sessions: 1e12\n"), testing::HasSubstr("`max_sessions` must be 1 to 10000, not 1e+12"));
+  EXPECT_THAT(Refusal("max_calls: 0\n"), testing::HasSubstr("`max_calls` must be 8 to 10000, not 0"));
+  EXPECT_THAT(Refusal("workers: -3\n"), testing::HasSubstr("`workers` must be 0 to 1024, not -3"));
+  EXPECT_THAT(Refusal("idle_close_s: 1e300\n"), testing::HasSubstr("must be 1 to 10000000, not 1e+300"));
   EXPECT_THAT(Refusal("no_http: perhaps\n"), testing::HasSubstr("true or false"));
   EXPECT_THAT(Refusal("maps: [a, b]\n"), testing::HasSubstr("takes one value"));
   EXPECT_THAT(Refusal("- a\n- b\n"), testing::HasSubstr("key: value"));

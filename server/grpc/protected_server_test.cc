@@ -5,10 +5,14 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <filesystem>
+#include <fstream>
 
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "cairn.h"
+#include "cairn/map.h"
 #include "client/conformance/conformance_map.h"
 #include "server/grpc/testing_server.h"
 #include "server/tls/testing_certificates.h"
@@ -103,6 +107,40 @@ TEST_F(ProtectedServer, KnowsWhoAsksAndWhatTheyMay) {
   EXPECT_EQ(service->NewTracker("secret", Session("").camera).status().code(), absl::StatusCode::kPermissionDenied);
 }
 
+// As programs do that link the library, by options or by the environment.
+TEST_F(ProtectedServer, ThePublicLibraryShowsATokenAndChecksTheCertificate) {
+  Start();
+  const std::string uri = absl::StrCat("cairn://localhost:", server_->grpc->port(), "/room");
+  const std::string ca_file = folder_ + "/ca.pem";
+  std::ofstream(ca_file) << ca_.certificate_pem;
+  v0::MapOptions options;
+  options.server.ca_file = ca_file;
+  EXPECT_TRUE(absl::IsUnauthenticated(v0::Map::Open(uri, options).status())) << v0::Map::Open(uri, options).status();
+  options.server.token = robot_;
+  EXPECT_TRUE(v0::Map::Open(uri, options).ok()) << v0::Map::Open(uri, options).status();
+  options.server.ca_file = folder_ + "/none.pem";
+  EXPECT_TRUE(absl::IsNotFound(v0::Map::Open(uri, options).status()));
+
+  cairn_map_options c_options{};
+  c_options.struct_size = sizeof(c_options);
+  c_options.token = reader_.c_str();
+  c_options.ca_file = ca_file.c_str();
+  cairn_map* map = nullptr;
+  cairn_error error{};
+  error.struct_size = sizeof(error);
+  EXPECT_EQ(cairn_map_open(uri.c_str(), &c_options, nullptr, &map, &error), CAIRN_OK) << error.message;
+  cairn_map_close(map);
+
+  setenv("CAIRN_TOKEN", reader_.c_str(), 1);
+  setenv("CAIRN_CA", ca_file.c_str(), 1);
+  const auto by_environment = v0::Map::Open(uri);
+  unsetenv("CAIRN_TOKEN");
+  unsetenv("CAIRN_CA");
+  EXPECT_TRUE(by_environment.ok()) << by_environment.status();
+  EXPECT_TRUE(by_environment->Refresh().ok());
+  EXPECT_TRUE(absl::IsUnavailable(v0::Map::Open(uri).status())) << "TLS is spoken there";
+}
+
 TEST_F(ProtectedServer, ServersThatAreNotWhoTheyShouldBeGetNoToken) {
   Start();
   RemoteOptions options = Remote(reader_);
@@ -130,7 +168,9 @@ TEST_F(ProtectedServer, MayAskForCertificatesOfClients) {
   grpc_.tls->client_ca_pem = clients_ca.certificate_pem;
   Start();
   RemoteOptions options = Remote(reader_);
-  EXPECT_EQ(Ask(options).code(), absl::StatusCode::kUnavailable) << "none";
+  const absl::Status none = Ask(options);
+  EXPECT_EQ(none.code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(none.message()), HasSubstr("--cert"));
   const TestingCertificate known = MakeTestingCertificate({.name = "robot"}, &clients_ca);
   options.tls->certificate_pem = known.certificate_pem;
   options.tls->key_pem = known.key_pem;

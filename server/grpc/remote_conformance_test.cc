@@ -80,12 +80,14 @@ absl::StatusOr<std::unique_ptr<api::MapService>> ConnectService(const std::strin
   return made;
 }
 
+template <bool kSendFeatures>
 absl::StatusOr<std::unique_ptr<api::Localizer>> ConnectLocalizer(const std::string& path) {
   const std::filesystem::path file(path);
   auto made = std::make_unique<LocalizerWithServer>();
   CAIRN_ASSIGN_OR_RETURN(made->server, server::TestingServer::Start(file.parent_path().string()));
-  CAIRN_ASSIGN_OR_RETURN(made->localizer,
-                         client::RemoteLocalizer::Connect(made->server->Remote(), file.stem().string()));
+  client::RemoteOptions options = made->server->Remote();
+  options.send_features = kSendFeatures;
+  CAIRN_ASSIGN_OR_RETURN(made->localizer, client::RemoteLocalizer::Connect(options, file.stem().string()));
   return made;
 }
 
@@ -120,7 +122,9 @@ INSTANTIATE_TEST_SUITE_P(
                     TrackerCase{"AtTheClientByFeatures",
                                 &ConnectTracker<client::TrackAt::kClient, client::TrackMode::kFeatures>, false}),
     [](const auto& parameter) { return parameter.param.name; });
-INSTANTIATE_TEST_SUITE_P(Remote, LocalizerConformance, testing::Values(LocalizerFactory(&ConnectLocalizer)));
+INSTANTIATE_TEST_SUITE_P(Remote, LocalizerConformance, testing::Values(LocalizerFactory(&ConnectLocalizer<false>)));
+INSTANTIATE_TEST_SUITE_P(RemoteByFeatures, LocalizerConformance,
+                         testing::Values(LocalizerFactory(&ConnectLocalizer<true>)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapServiceConformance, testing::Values(MapServiceFactory(&ConnectService)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapAdminConformance, testing::Values(MapServiceFactory(&ConnectService)));
 INSTANTIATE_TEST_SUITE_P(Remote, MapSessionConformance, testing::Values(MapServiceFactory(&ConnectService)));

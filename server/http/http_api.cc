@@ -3,6 +3,7 @@
 #include <google/protobuf/util/json_util.h>
 
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "absl/strings/strip.h"
 #include "server/http/geopose.h"
 #include "server/http/localize_request.h"
+#include "server/http/query.h"
 #include "server/rpc/serve.h"
 #include "wire/errors.h"
 
@@ -26,6 +28,8 @@ struct Call {
   const HttpHooks& hooks;
   const HttpRequest& http;
   const Caller& caller;
+  const CorsOptions& cors;
+  std::atomic<int>& exporting;  // at the moment
   std::string map;
 };
 using AnswerRoute = HttpResponse (*)(const Call& call);
@@ -82,6 +86,8 @@ HttpResponse Answered(const Call& call, absl::string_view name,
   Response response;
   const Served served = Serve(call.server, call.caller, name, [&](const CallContext& context) -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(Request request, FromBody<Request>(call.http.body));
+    CAIRN_ASSIGN_OR_RETURN(const QueryParameters parameters, ParseQuery(call.http.query));
+    CAIRN_RETURN_IF_ERROR(SetFields(parameters, "map", &request));
     fill(&request);
     return rpc(context, request, &response);
   });
@@ -134,6 +140,69 @@ HttpResponse MetricsOver(const Call& call) {
   return {200, "text/plain; version=0.0.4; charset=utf-8", call.hooks.metrics()};
 }
 
+struct ExportKind {
+  absl::string_view name;  // in the query
+  v1::ExportMapRequest::Content content;
+  absl::string_view suffix, type;
+};
+constexpr std::array<ExportKind, 3> kExports = {{
+    {"map", v1::ExportMapRequest::CONTENT_MAP, ".cairn", "application/vnd.sqlite3"},
+    {"trajectory", v1::ExportMapRequest::CONTENT_TRAJECTORY, ".txt", "text/plain; charset=utf-8"},
+    {"points", v1::ExportMapRequest::CONTENT_POINTS, ".ply", "application/octet-stream"},
+}};
+
+absl::StatusOr<ExportKind> ExportKindOf(absl::string_view query) {
+  CAIRN_ASSIGN_OR_RETURN(const QueryParameters parameters, ParseQuery(query));
+  if (parameters.empty()) return kExports[0];
+  for (const ExportKind& kind : kExports) {
+    if (parameters.size() == 1 && parameters[0].first == "content" && parameters[0].second == kind.name) return kind;
+  }
+  return absl::InvalidArgumentError("query: give content=map, content=trajectory or content=points");
+}
+
+class ExportPlace {
+ public:
+  explicit ExportPlace(std::atomic<int>* exporting) : exporting_(*exporting), before_(exporting_.fetch_add(1)) {}
+  ~ExportPlace() { --exporting_; }
+  ExportPlace(const ExportPlace&) = delete;
+  ExportPlace& operator=(const ExportPlace&) = delete;
+  bool taken() const { return before_ < kMaxExports; }
+
+ private:
+  static constexpr int kMaxExports = 3;
+  std::atomic<int>& exporting_;
+  const int before_;
+};
+
+// A file of any size: it goes out as it is read, and what goes wrong after the first part ends the connection.
+HttpResponse ExportOver(const Call& call) {
+  HttpResponse head;
+  bool begun = false;
+  const Served served =
+      Serve(call.server, call.caller, "Admin.ExportMap", [&](const CallContext& context) -> absl::Status {
+        CAIRN_ASSIGN_OR_RETURN(const ExportKind kind, ExportKindOf(call.http.query));
+        if (!call.http.send_part) return absl::InvalidArgumentError("this is for GET");
+        // Each holds one of the threads that work on requests for as long as its client reads.
+        const ExportPlace place(&call.exporting);
+        if (!place.taken()) return absl::ResourceExhaustedError("too many maps are being exported: ask again later");
+        head.content_type = std::string(kind.type);
+        head.headers = {{"Content-Disposition", absl::StrCat("attachment; filename=\"", call.map, kind.suffix, "\"")},
+                        {"X-Request-Id", call.caller.request_id}};
+        AddCorsHeaders(call.cors, call.http, &head);
+        v1::ExportMapRequest request;
+        request.set_map(call.map);
+        request.set_content(kind.content);
+        return ExportMap(context, request, [&](const v1::ExportMapResponse& part) {
+          begun = true;
+          return call.http.send_part(head, part.part()).ok();
+        });
+      });
+  if (!begun) return ErrorResponse(served.status, served.request_id);
+  HttpResponse sent;
+  sent.parts = served.status.ok() ? HttpResponse::Parts::kAll : HttpResponse::Parts::kBroken;
+  return sent;
+}
+
 HttpResponse RestoreOver(const Call& call) {
   return Answered(call, "Admin.RestoreMap", RestoreMap,
                   [&](v1::RestoreMapRequest* request) { request->set_deleted(call.map); });
@@ -143,7 +212,7 @@ struct RouteAnswer {
   Route route;
   AnswerRoute answer;
 };
-constexpr std::array<RouteAnswer, 20> kAnswers = {{
+constexpr std::array<RouteAnswer, 21> kAnswers = {{
     {{"GET", "/v1/maps"}, [](const Call& c) { return AnsweredAsIs(c, "Maps.ListMaps", ListMaps); }},
     {{"POST", "/v1/maps"}, [](const Call& c) { return AnsweredAsIs(c, "Admin.CreateMap", CreateMap); }},
     {{"GET", "/v1/maps/{map}"}, [](const Call& c) { return AnsweredOfMap(c, "Maps.DescribeMap", DescribeMap); }},
@@ -151,6 +220,7 @@ constexpr std::array<RouteAnswer, 20> kAnswers = {{
     {{"GET", "/v1/maps/{map}/sessions"},
      [](const Call& c) { return AnsweredOfMap(c, "Sessions.ListSessions", ListSessions); }},
     {{"GET", "/v1/maps/{map}/log"}, [](const Call& c) { return AnsweredOfMap(c, "Admin.ReadLog", ReadLog); }},
+    {{"GET", "/v1/maps/{map}:export"}, ExportOver},
     {{"POST", "/v1/maps/{map}:localize"}, LocalizeOver},
     {{"POST", "/v1/maps/{map}:snapshot"},
      [](const Call& c) { return AnsweredOfMap(c, "Admin.SnapshotMap", SnapshotMap); }},
@@ -238,7 +308,7 @@ std::optional<HttpResponse> HttpApi::Refusal(const HttpRequest& request) const {
 
 HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) const {
   const std::string& id = caller.request_id;
-  Call call{context_, hooks_, request, caller, ""};
+  Call call{context_, hooks_, request, caller, cors_, exporting_, ""};
   for (const RouteAnswer& answer : kAnswers) {
     if (!Matches(answer.route.path, request.path, &call.map)) continue;
     if (request.method == answer.route.method || (request.method == "HEAD" && answer.route.method == "GET")) {

@@ -2,6 +2,7 @@
 // description in OpenAPI 3.0. Errors are JSON with the HTTP status of wire/errors.h.
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <optional>
 #include <span>
@@ -46,6 +47,7 @@ class HttpApi {
   const CallContext context_;
   const HttpHooks hooks_;
   const CorsOptions cors_;
+  mutable std::atomic<int> exporting_ = 0;  // files that are being sent at the moment
 };
 
 // {"error": {"reason": ..., "message": ..., "request_id": ...}}, and the headers that go with it.

@@ -354,6 +354,44 @@ TEST_F(HttpApiTest, TheDescriptionHasEveryRouteAndFitsTheAnswers) {
   CheckAgainst(json::parse(Get("/v1/status").body), schema("/v1/status", "get", "501"), described);
 }
 
+TEST_F(HttpApiTest, ParametersOfTheQueryAreCheckedAndUsed) {
+  const auto log = [&](const std::string& query) {
+    HttpRequest request{"GET", "/v1/maps/room/log", "", ""};
+    request.query = query;
+    return api_->Handle(request);
+  };
+  EXPECT_EQ(json::parse(log("").body)["changes"].size(), json::parse(log("max_count=1000").body)["changes"].size());
+  EXPECT_EQ(json::parse(log("max_count=1").body)["changes"].size(), 1u);
+  EXPECT_EQ(log("count=abc").status, 400);
+  EXPECT_EQ(log("max_count=abc").status, 400);
+  EXPECT_EQ(log("map=other").status, 400);
+}
+
+TEST_F(HttpApiTest, ExportsFiles) {
+  std::string sent, type;
+  HttpRequest request{"GET", "/v1/maps/room:export", "", ""};
+  request.send_part = [&](const HttpResponse& head, absl::string_view part) {
+    type = head.content_type;
+    absl::StrAppend(&sent, part);
+    return absl::OkStatus();
+  };
+  EXPECT_EQ(api_->Handle(request).parts, HttpResponse::Parts::kAll);
+  EXPECT_THAT(sent, testing::StartsWith("SQLite format 3"));
+  sent.clear();
+  request.query = "content=points";
+  EXPECT_EQ(api_->Handle(request).parts, HttpResponse::Parts::kAll);
+  EXPECT_THAT(sent, testing::StartsWith("ply\n"));
+  EXPECT_EQ(type, "application/octet-stream");
+  request.query = "content=soup";
+  EXPECT_EQ(api_->Handle(request).status, 400);
+  request.query = "";
+  request.path = "/v1/maps/none:export";
+  EXPECT_EQ(api_->Handle(request).status, 404);
+  request.path = "/v1/maps/room:export";
+  request.send_part = [](const HttpResponse&, absl::string_view) { return absl::CancelledError("gone"); };
+  EXPECT_EQ(api_->Handle(request).parts, HttpResponse::Parts::kBroken);
+}
+
 TEST_F(HttpApiTest, KeepsMaps) {
   const auto post = [&](const std::string& path, const std::string& body) {
     return api_->Handle({"POST", path, "application/json", body});

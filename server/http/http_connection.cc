@@ -1,6 +1,7 @@
 #include "server/http/http_connection.h"
 
 #include <boost/asio/post.hpp>
+#include <boost/asio/write.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/ssl.hpp>
@@ -20,9 +21,10 @@ using boost::system::error_code;
 using tcp = asio::ip::tcp;
 using TlsStream = beast::ssl_stream<beast::tcp_stream>;
 
-HttpResponse TooLarge() {
-  HttpResponse response = ErrorResponse(absl::InvalidArgumentError("the body is too large"), "");
-  response.status = 413;
+HttpResponse TooLarge(const char* what, std::int64_t most, int status) {
+  HttpResponse response =
+      ErrorResponse(absl::InvalidArgumentError(absl::StrCat("the ", what, " of more than ", most, " bytes")), "");
+  response.status = status;
   return response;
 }
 
@@ -112,7 +114,9 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     const http::request<http::string_body>& received = parser_->get();
     HttpRequest request;
     request.method = std::string(received.method_string());
-    request.path = std::string(received.target().substr(0, received.target().find('?')));
+    const std::size_t query = received.target().find('?');
+    request.path = std::string(received.target().substr(0, query));
+    if (query != beast::string_view::npos) request.query = std::string(received.target().substr(query + 1));
     request.content_type = std::string(received[http::field::content_type]);
     request.peer = peer_;
     request.accept = std::string(received[http::field::accept]);
@@ -125,34 +129,108 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
   HttpResponse Handled() {
     HttpRequest request = Received();
     request.body = std::move(parser_->get().body());
+    if (request.method != "HEAD") {
+      request.send_part = [this](const HttpResponse& head, absl::string_view part) { return SendPart(head, part); };
+    }
     return shared_->handler(request);
+  }
+
+  // By a worker, which waits until the part has left.
+  absl::Status SendPart(const HttpResponse& head, absl::string_view part) {
+    {
+      const std::lock_guard lock(shared_->mutex);
+      part_sent_.reset();
+    }
+    asio::post(shared_->io, [self = this->shared_from_this(), head = head_.has_value() ? HttpResponse() : head,
+                             text = std::string(part)]() mutable { self->WritePart(head, std::move(text)); });
+    std::unique_lock lock(shared_->mutex);
+    shared_->idle.wait(lock, [&] { return part_sent_.has_value() || shared_->ended; });
+    if (!part_sent_) return absl::CancelledError("the server stops");
+    return *part_sent_ ? absl::CancelledError("the client went away, or reads too slowly") : absl::OkStatus();
+  }
+
+  void WritePart(const HttpResponse& head, std::string text) {
+    part_ = std::move(text);
+    Tcp().expires_after(shared_->options.timeout);
+    if (head_) return WriteChunk();
+    head_.emplace(static_cast<http::status>(head.status), 11);
+    SetHeaders(head, true, &*head_);
+    head_->chunked(true);
+    head_serializer_.emplace(*head_);
+    http::async_write_header(stream_, *head_serializer_,
+                             [self = this->shared_from_this()](error_code error, std::size_t) {
+                               if (error) return self->NotePart(error);
+                               self->WriteChunk();
+                             });
+  }
+
+  void WriteChunk() {
+    asio::async_write(stream_, http::make_chunk(asio::buffer(part_)),
+                      [self = this->shared_from_this()](error_code error, std::size_t) { self->NotePart(error); });
+  }
+
+  void NotePart(error_code error) {
+    Tcp().expires_never();
+    const std::lock_guard lock(shared_->mutex);
+    part_sent_ = error;
+    shared_->idle.notify_all();
+  }
+
+  // After the last part.
+  void WriteEnd(bool keep_alive) {
+    head_serializer_.reset();
+    head_.reset();
+    Tcp().expires_after(shared_->options.timeout);
+    asio::async_write(stream_, http::make_chunk_last(),
+                      [self = this->shared_from_this(), keep_alive](error_code error, std::size_t) {
+                        self->OnWritten(error, keep_alive);
+                      });
   }
 
   // What is no HTTP, or too large, is told so; a client that is gone or too slow is not.
   void OnFailure(error_code error) {
-    if (error == http::error::body_limit || error == http::error::header_limit) return Write(TooLarge(), false);
+    if (error == http::error::header_limit) {
+      return Write(TooLarge("request has headers", shared_->options.max_header_bytes, 431), false);
+    }
+    if (error == http::error::body_limit) {
+      return Write(TooLarge("request has a body", shared_->options.max_body_bytes, 413), false);
+    }
     const bool malformed = error.category() == make_error_code(http::error::bad_method).category();
     if (!malformed || error == http::error::end_of_stream || error == http::error::partial_message) return Close();
     Write(ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this is no HTTP request: ", error.message())), ""),
           false);
   }
 
+  template <class Head>
+  static void SetHeaders(const HttpResponse& answer, bool keep_alive, Head* head) {
+    head->set(http::field::server, std::string("cairnd/") + kVersion);
+    head->set(http::field::content_type, answer.content_type);
+    for (const auto& [name, value] : answer.headers) head->set(name, value);
+    head->keep_alive(keep_alive);
+  }
+
   void Write(HttpResponse&& answer, bool keep_alive) {
+    if (answer.parts == HttpResponse::Parts::kAll) return WriteEnd(keep_alive);
+    if (answer.parts == HttpResponse::Parts::kBroken) {  // without an end the client knows that something is missing
+      SetWorking(false);
+      return Close();
+    }
     const bool head = parser_->is_header_done() && parser_->get().method() == http::verb::head;
     answer_.emplace(static_cast<http::status>(answer.status), 11);
-    answer_->set(http::field::server, std::string("cairnd/") + kVersion);
-    answer_->set(http::field::content_type, answer.content_type);
-    for (const auto& [name, value] : answer.headers) answer_->set(name, value);
-    answer_->keep_alive(keep_alive);
+    SetHeaders(answer, keep_alive, &*answer_);
     answer_->content_length(answer.body.size());
     if (!head) answer_->body() = std::move(answer.body);
     Tcp().expires_after(shared_->options.timeout);
     http::async_write(stream_, *answer_, [self = this->shared_from_this(), keep_alive](error_code error, std::size_t) {
-      self->SetWorking(false);
-      if (error) return self->Close();
-      if (!keep_alive) return self->End();
-      self->Read();
+      self->OnWritten(error, keep_alive);
     });
+  }
+
+  void OnWritten(error_code error, bool keep_alive) {
+    SetWorking(false);
+    if (error) return Close();
+    if (!keep_alive) return End();
+    Read();
   }
 
   // The client is told that this was all.
@@ -179,7 +257,12 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
   std::optional<http::request_parser<http::string_body>> parser_;
   std::optional<http::response<http::empty_body>> go_on_;
   std::optional<http::response<http::string_body>> answer_;
-  bool working_ = false;  // with the lock of shared_
+  // Of an answer whose body goes out in parts.
+  std::optional<http::response<http::empty_body>> head_;
+  std::optional<http::response_serializer<http::empty_body>> head_serializer_;
+  std::string part_;
+  std::optional<error_code> part_sent_;  // with the lock of shared_; none: it is under way
+  bool working_ = false;                 // with the lock of shared_
 };
 
 }  // namespace

@@ -37,7 +37,8 @@ struct HttpConnections {
 
   std::mutex mutex;  // guards what follows
   std::condition_variable idle;
-  int working = 0;  // requests whose answer has not left
+  int working = 0;     // requests whose answer has not left
+  bool ended = false;  // nothing is sent any more; told by `idle`
   std::set<HttpConnection*> connections;
 };
 

@@ -96,6 +96,11 @@ class Server final : public HttpServer {
     }
     shared_->io.stop();
     thread_.join();
+    {
+      const std::lock_guard lock(shared_->mutex);
+      shared_->ended = true;
+      shared_->idle.notify_all();
+    }
     shared_->workers.join();
     error_code ignored;
     acceptor_.close(ignored);  // if there was nothing to wait for, it may have been stopped before it came to that

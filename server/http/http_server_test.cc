@@ -19,6 +19,7 @@ namespace {
 
 namespace asio = boost::asio;
 using asio::ip::tcp;
+using testing::AllOf;
 using testing::HasSubstr;
 using testing::StartsWith;
 
@@ -112,6 +113,46 @@ TEST(HttpServer, ClientsThatAskFirstAreToldToGoOn) {
   EXPECT_THAT(client.ReadAll(), HasSubstr("POST /d hello"));
 }
 
+TEST(HttpServer, BodiesGoOutInParts) {
+  const auto parts = [](const HttpRequest& request) {
+    HttpResponse response{200, "text/plain", ""};
+    const bool sent = request.send_part(response, "first ").ok() && request.send_part(response, request.query).ok();
+    response.parts = sent && request.path == "/all" ? HttpResponse::Parts::kAll : HttpResponse::Parts::kBroken;
+    return response;
+  };
+  const auto server = HttpServer::Start(Options(), parts);
+  ASSERT_TRUE(server.ok()) << server.status();
+  Client all((*server)->port());
+  all.Send("GET /all?a=1&b=%20 HTTP/1.1\r\nHost: x\r\n\r\nGET /half?z HTTP/1.1\r\nHost: x\r\n\r\n");
+  const std::string answers = all.ReadAll();
+  EXPECT_THAT(answers, StartsWith("HTTP/1.1 200 OK\r\n"));
+  EXPECT_THAT(answers, HasSubstr("Transfer-Encoding: chunked\r\n"));
+  EXPECT_THAT(answers, HasSubstr("\r\n\r\n6\r\nfirst \r\n9\r\na=1&b=%20\r\n0\r\n\r\nHTTP/1.1 200 OK\r\n"))
+      << "kept alive";
+  EXPECT_THAT(answers, testing::EndsWith("6\r\nfirst \r\n1\r\nz\r\n")) << "the second one has no end";
+}
+
+// One that does not read holds nobody up who stops the server.
+TEST(HttpServer, StopsWhileAPartIsUnderWay) {
+  std::promise<absl::Status> ended;
+  const auto endless = [&](const HttpRequest& request) {
+    HttpResponse response{200, "text/plain", ""};
+    const std::string part(1 << 20, 'x');
+    absl::Status sent;
+    while (sent.ok()) sent = request.send_part(response, part);
+    ended.set_value(sent);
+    response.parts = HttpResponse::Parts::kBroken;
+    return response;
+  };
+  auto server = HttpServer::Start(Options(), endless);
+  ASSERT_TRUE(server.ok()) << server.status();
+  Client client((*server)->port());
+  client.Send("GET / HTTP/1.1\r\nHost: x\r\n\r\n");
+  client.ReadUntil("xxxx");
+  (*server)->Stop(std::chrono::milliseconds(0));
+  EXPECT_TRUE(absl::IsCancelled(ended.get_future().get()));
+}
+
 TEST(HttpServer, WhatIsTooLargeOrNoHttpIsRefusedAndTheServerGoesOn) {
   const auto server = *HttpServer::Start(Options(), Echo);
   const auto answer_to = [&](const std::string& bytes) {
@@ -119,8 +160,10 @@ TEST(HttpServer, WhatIsTooLargeOrNoHttpIsRefusedAndTheServerGoesOn) {
     client.Send(bytes);
     return client.ReadAll();
   };
-  EXPECT_THAT(answer_to("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1001\r\n\r\n"), HasSubstr("413"));
-  EXPECT_THAT(answer_to("GET / HTTP/1.1\r\nHost: " + std::string(3000, 'x') + "\r\n\r\n"), HasSubstr("413"));
+  EXPECT_THAT(answer_to("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1001\r\n\r\n"),
+              AllOf(HasSubstr("413"), HasSubstr("has a body of more than 1000")));
+  EXPECT_THAT(answer_to("GET / HTTP/1.1\r\nHost: " + std::string(3000, 'x') + "\r\n\r\n"),
+              AllOf(HasSubstr("431"), HasSubstr("has headers of more than 2000 bytes")));
   EXPECT_THAT(answer_to("\x16\x03\x01 this is TLS\r\n\r\n"), StartsWith("HTTP/1.1 400"));
   EXPECT_THAT(answer_to("GET / HTTP/9.9\r\n\r\n"), StartsWith("HTTP/1.1 400"));
   EXPECT_THAT(answer_to("POST / HTTP/1.1\r\nContent-Length: minus one\r\n\r\n"), StartsWith("HTTP/1.1 400"));

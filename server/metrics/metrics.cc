@@ -150,6 +150,11 @@ struct Metrics::Families {
                                    .Help("Images that wait to be located")
                                    .Register(registry)
                                    .Add({});
+  prometheus::Gauge& followers = prometheus::BuildGauge()
+                                     .Name("cairn_followers")
+                                     .Help("Clients that keep a copy of a map and follow it")
+                                     .Register(registry)
+                                     .Add({});
   prometheus::Gauge& resident = prometheus::BuildGauge()
                                     .Name("process_resident_memory_bytes")
                                     .Help("Memory of the process")
@@ -201,6 +206,7 @@ api::ServerStatus Metrics::Status() {
   status.uptime_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
   status.resident_bytes = static_cast<std::int64_t>(ResidentBytes());
   status.images_waiting = state.waiting;
+  status.followers = state.followers;
   for (const ServerState::Map& map : state.open_maps) {
     status.maps.push_back({map.name, map.revision, map.bytes, map.writing});
   }
@@ -228,6 +234,7 @@ std::string Metrics::Text() {
   families_->sessions.Add({{"client", "here"}}).Set(state.sessions);
   families_->sessions.Add({{"client", "gone"}}).Set(state.sessions_waiting);
   families_->waiting.Set(static_cast<double>(state.waiting));
+  families_->followers.Set(static_cast<double>(state.followers));
   families_->resident.Set(ResidentBytes());
   std::vector<prometheus::MetricFamily> collected = families_->registry.Collect();
   std::vector<prometheus::MetricFamily> of_maps = maps.Collect();

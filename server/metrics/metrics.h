@@ -23,6 +23,7 @@ struct ServerState {
   std::vector<Map> open_maps;  // by name
   std::vector<api::ActiveSession> active_sessions;
   std::int64_t waiting = 0;  // images that wait to be located
+  int followers = 0;         // clients that keep a copy of a map
   int sessions = 0;
   int sessions_waiting = 0;  // for a client that was cut off
 };

@@ -13,6 +13,7 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   ServerState state;
   state.open_maps = {{"office", 7, 1000}, {"hall", 9, 500}};
   state.waiting = 3;
+  state.followers = 2;
   state.sessions = 2;
   Metrics metrics([&] { return state; });
   metrics.OnCall("Maps.ListMaps", "ok", 0.0015);
@@ -38,6 +39,7 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   EXPECT_THAT(text, HasSubstr("cairn_open_maps 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_open_maps_bytes 1500\n"));
   EXPECT_THAT(text, HasSubstr("cairn_localize_waiting 3\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_followers 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_sessions{client=\"here\"} 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_track_frames_total{state=\"carried\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("cairn_track_frames_total{state=\"refused\"} 1\n"));
@@ -55,6 +57,7 @@ TEST(Metrics, TheSameAsAStatus) {
   ServerState state;
   state.open_maps = {{"hall", 9, 500}, {"office", 7, 1000, true}};
   state.waiting = 3;
+  state.followers = 2;
   api::ActiveSession session;
   session.map = "office";
   state.active_sessions = {session};
@@ -74,6 +77,7 @@ TEST(Metrics, TheSameAsAStatus) {
   EXPECT_FALSE(status.version.empty());
   EXPECT_GT(status.resident_bytes, 0);
   EXPECT_EQ(status.images_waiting, 3);
+  EXPECT_EQ(status.followers, 2);
   ASSERT_EQ(status.maps.size(), 2u);
   EXPECT_EQ(status.maps[1].revision, 7u);
   EXPECT_TRUE(status.maps[1].writing);

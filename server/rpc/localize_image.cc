@@ -9,7 +9,7 @@ absl::Status LocalizeImage(const CallContext& context, const v1::LocalizeImageRe
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(request.map()));
   api::LocalizeQuery query;
   CAIRN_ASSIGN_OR_RETURN(query.camera, wire::FromProto(request.camera()));
-  CAIRN_ASSIGN_OR_RETURN(query.image, GrayImageOf(request.image(), query.camera, context.images));
+  CAIRN_RETURN_IF_ERROR(ReadContent(request, context.images, &query));
   query.time_ns = request.time_ns();
   if (request.has_prior()) {
     CAIRN_ASSIGN_OR_RETURN(query.prior, wire::FromProto(request.prior()));

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "server/rpc/calls.h"
 #include "server/rpc/images.h"
 #include "wire/convert.h"
@@ -10,12 +12,11 @@ absl::Status LocalizeInMaps(const CallContext& context, const v1::LocalizeInMaps
   for (const std::string& map : maps) CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
   api::LocalizeQuery query;
   CAIRN_ASSIGN_OR_RETURN(query.camera, wire::FromProto(request.camera()));
-  CAIRN_ASSIGN_OR_RETURN(query.image, GrayImageOf(request.image(), query.camera, context.images));
+  CAIRN_RETURN_IF_ERROR(ReadContent(request, context.images, &query));
   query.time_ns = request.time_ns();
   CAIRN_ASSIGN_OR_RETURN(const api::AcrossAnswer across, context.maps->LocalizeAcross(maps, query));
-  if (context.observer != nullptr && !across.answers.empty() && across.answers[0].status.ok()) {
-    context.observer->OnLocalized(across.answers[0].answer);
-  }
+  const auto told = std::ranges::find_if(across.answers, [](const auto& answer) { return answer.status.ok(); });
+  if (context.observer != nullptr && told != across.answers.end()) context.observer->OnLocalized(told->answer);
   wire::ToProto(across, response);
   return absl::OkStatus();
 }

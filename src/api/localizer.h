@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "api/image_features.h"
 #include "base/ids.h"
 #include "base/status.h"
 #include "base/time.h"
@@ -28,10 +29,11 @@ struct PosePrior {
 };
 
 struct LocalizeQuery {
-  cv::Mat image;  // CV_8UC1, raw as the camera gives it
+  cv::Mat image;  // CV_8UC1, raw as the camera gives it; empty with `features`
   Camera camera;  // of that image
   TimeNs time_ns = 0;
   std::optional<PosePrior> prior = std::nullopt;
+  std::optional<ImageFeatures> features = std::nullopt;  // in place of the image
 };
 
 // The stages of a relocalization, in order; a miss names the one that failed. kRivals: the image fits several places

@@ -65,6 +65,7 @@ struct MapDescription {
   std::vector<CameraInfo> cameras;        // ascending by id, as the others
   std::vector<ComponentInfo> components;  // those that were joined to others included
   std::vector<map::Session> sessions;     // without their loops, settings and trajectories
+  image::OrbParameters orb;               // how the features of its keyframes were extracted
 };
 
 struct MapVerification {

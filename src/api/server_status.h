@@ -45,6 +45,7 @@ struct ServerStatus {
   double uptime_s = 0.0;
   std::int64_t resident_bytes = 0;  // of the process
   std::int64_t images_waiting = 0;  // that are to be located
+  int followers = 0;                // clients that keep a copy of a map
   std::vector<Map> maps;            // in memory, by name
   std::vector<ActiveSession> sessions;
   std::vector<Calls> calls;

@@ -1,8 +1,28 @@
 #include "host/describe.h"
 
+#include <algorithm>
+#include <map>
 #include <utility>
 
 namespace cairn::host {
+
+namespace {
+
+// By session, of those that are running or were cut off: their end is not written down.
+std::map<SessionId, TimeNs> NewestKeyframes(const map::Snapshot& map) {
+  std::map<SessionId, TimeNs> newest;
+  for (const auto& [id, session] : map.sessions()) {
+    if (!session.complete) newest.emplace(id, session.first_ns);
+  }
+  if (newest.empty()) return newest;
+  map.keyframes().ForEach([&](const auto& keyframe) {
+    const auto of = newest.find(keyframe->session);
+    if (of != newest.end()) of->second = std::max(of->second, keyframe->time_ns);
+  });
+  return newest;
+}
+
+}  // namespace
 
 api::MapSummary SummaryOf(const std::string& name, const store::MapSummary& stored) {
   api::MapSummary summary;
@@ -34,6 +54,7 @@ api::MapDescription DescriptionOf(const map::Snapshot& map) {
   summary.components = count(map.components());
   summary.sessions = count(map.sessions());
   summary.geo_anchor = map.info().geo_anchor;
+  description.orb = map.info().orb;
   for (const auto& [id, camera] : map.cameras()) {
     description.cameras.push_back({id, camera.name, camera.model, camera.lens.has_value()});
   }
@@ -41,8 +62,10 @@ api::MapDescription DescriptionOf(const map::Snapshot& map) {
     description.components.push_back({id, component.session, map.NumKeyframes(id), component.world_from_component,
                                       component.joined ? component.joined->into : ComponentId()});
   }
+  const std::map<SessionId, TimeNs> newest = NewestKeyframes(map);
   for (const auto& [id, session] : map.sessions()) {
     map::Session told = session;
+    if (!session.complete && newest.contains(id)) told.last_ns = std::max(session.last_ns, newest.at(id));
     told.settings_json.clear();
     told.loops.clear();
     told.trajectory.reset();

@@ -11,43 +11,63 @@
 namespace cairn::host {
 namespace {
 
-// Measured on maps of 200 to 1000 keyframes: what is in memory over what is in the store.
-constexpr double kMemoryPerStoredByte = 2.0;
+// What a tracker holds of a map that is served here.
+class HostedReader final : public client::ViewSource {
+ public:
+  HostedReader(std::shared_ptr<HostedMap> map, std::shared_ptr<const tracking::MapView> view)
+      : map_(std::move(map)), view_(std::move(view)) {}
+
+  const std::shared_ptr<const tracking::MapView>& view() const override { return view_; }
+  absl::StatusOr<bool> Refresh() override {
+    CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<const tracking::MapView> newest, map_->View());
+    if (newest == view_) return false;
+    view_ = std::move(newest);
+    return true;
+  }
+  std::unique_ptr<client::ViewSource> Another() const override { return std::make_unique<HostedReader>(map_, view_); }
+
+ private:
+  const std::shared_ptr<HostedMap> map_;
+  std::shared_ptr<const tracking::MapView> view_;
+};
 
 }  // namespace
-
-std::shared_ptr<engine::LiveMap> ClosedAtTheEnd(std::unique_ptr<engine::LiveMap> live) {
-  return {live.release(), [](engine::LiveMap* closing) {
-            const std::unique_ptr<engine::LiveMap> owned(closing);
-            const absl::Status closed = owned->Close();
-            if (!closed.ok()) spdlog::error("closing a map: {}", std::string(closed.message()));
-          }};
-}
 
 absl::StatusOr<std::shared_ptr<HostedMap>> HostedMap::Open(const std::string& uri,
                                                            std::chrono::milliseconds refresh_interval) {
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::MapReader> reader, client::MapReader::Open(uri));
-  CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, reader->ReadSummary());
-  auto map = std::shared_ptr<HostedMap>(new HostedMap(uri, summary.file_bytes, refresh_interval));
+  auto map = std::shared_ptr<HostedMap>(new HostedMap(uri, refresh_interval));
   map->view_ = reader->view();
   map->reader_ = std::move(reader);
   map->looked_ = std::chrono::steady_clock::now();
   return map;
 }
 
-std::shared_ptr<HostedMap> HostedMap::Over(const std::string& uri, std::shared_ptr<engine::LiveMap> live,
-                                           std::chrono::milliseconds refresh_interval) {
-  auto map = std::shared_ptr<HostedMap>(new HostedMap(uri, 0, refresh_interval));
-  map->live_ = live;
+std::shared_ptr<HostedMap> HostedMap::Over(const std::string& uri, std::unique_ptr<engine::LiveMap> live,
+                                           std::chrono::milliseconds refresh_interval,
+                                           std::shared_ptr<engine::LiveMap>* shared) {
+  auto map = std::shared_ptr<HostedMap>(new HostedMap(uri, refresh_interval));
+  *shared = map->Adopt(std::move(live));
   return map;
 }
 
-HostedMap::HostedMap(std::string uri, std::int64_t stored_bytes, std::chrono::milliseconds refresh_interval)
-    : uri_(std::move(uri)),
-      bytes_(static_cast<std::int64_t>(kMemoryPerStoredByte * static_cast<double>(stored_bytes))),
-      refresh_interval_(refresh_interval) {}
+std::shared_ptr<engine::LiveMap> HostedMap::Adopt(std::unique_ptr<engine::LiveMap> live) {
+  const auto close = [map = weak_from_this()](engine::LiveMap* closing) {
+    const std::unique_ptr<engine::LiveMap> owned(closing);
+    const absl::Status closed = owned->Close();
+    if (!closed.ok()) spdlog::error("closing a map: {}", std::string(closed.message()));
+    const std::shared_ptr<HostedMap> hosted = map.lock();
+    if (hosted != nullptr && owned->exists()) hosted->Keep(owned->Published()).IgnoreError();
+  };
+  std::shared_ptr<engine::LiveMap> shared(live.release(), close);
+  const std::lock_guard lock(mutex_);
+  live_ = shared;
+  return shared;
+}
 
 std::shared_ptr<const tracking::MapView> HostedMap::Known() const {
+  const std::shared_ptr<engine::LiveMap> live = Live();
+  if (live != nullptr && live->exists()) return live->Published();
   const std::lock_guard lock(mutex_);
   return view_;
 }
@@ -80,7 +100,10 @@ bool HostedMap::writing() const { return Live() != nullptr; }
 absl::StatusOr<std::shared_ptr<const tracking::MapView>> HostedMap::Keep(
     std::shared_ptr<const tracking::MapView> view) {
   const std::lock_guard lock(mutex_);
-  view_ = std::move(view);
+  // Who was slower does not set it back.
+  if (view_ == nullptr || view->map().info().id != view_->map().info().id || view->revision() >= view_->revision()) {
+    view_ = std::move(view);
+  }
   return view_;
 }
 
@@ -97,7 +120,7 @@ absl::StatusOr<std::shared_ptr<const tracking::MapView>> HostedMap::View() {
     return absl::UnavailableError(absl::StrCat(uri_, ": it is being opened: ask again"));
   }
   if (reader_ == nullptr) {  // it was written here
-    CAIRN_ASSIGN_OR_RETURN(reader_, client::MapReader::Open(uri_));
+    CAIRN_ASSIGN_OR_RETURN(reader_, OpenReader());
     looked_ = std::chrono::steady_clock::now();
     return Keep(reader_->view());
   }
@@ -109,21 +132,23 @@ absl::StatusOr<std::shared_ptr<const tracking::MapView>> HostedMap::View() {
   return Keep(reader_->view());
 }
 
+// From what is known of it on, if it is known.
+absl::StatusOr<std::unique_ptr<client::MapReader>> HostedMap::OpenReader() const {
+  const std::shared_ptr<const tracking::MapView> known = Known();
+  return known != nullptr ? client::MapReader::OpenFrom(uri_, known) : client::MapReader::Open(uri_);
+}
+
 absl::StatusOr<std::unique_ptr<client::ViewSource>> HostedMap::NewReader() {
-  const std::lock_guard reading(reading_);
-  if (reader_ != nullptr) return reader_->Another();
-  return client::MapReader::Open(uri_);
+  CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<const tracking::MapView> view, View());
+  return std::make_unique<HostedReader>(shared_from_this(), std::move(view));
 }
 
 absl::StatusOr<std::shared_ptr<engine::LiveMap>> HostedMap::Write() {
   const std::lock_guard reading(reading_);
   if (std::shared_ptr<engine::LiveMap> live = Live()) return live;
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::LiveMap> opened, engine::LiveMap::Open(uri_));
-  std::shared_ptr<engine::LiveMap> live = ClosedAtTheEnd(std::move(opened));
   reader_.reset();
-  const std::lock_guard lock(mutex_);
-  live_ = live;
-  return live;
+  return Adopt(std::move(opened));
 }
 
 }  // namespace cairn::host

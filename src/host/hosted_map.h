@@ -8,6 +8,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 
 #include "base/status.h"
 #include "client/map_reader.h"
@@ -16,23 +17,26 @@
 
 namespace cairn::host {
 
-class HostedMap {
+class HostedMap : public std::enable_shared_from_this<HostedMap> {
  public:
   // Loads the newest revision; errors as MapReader::Open. `refresh_interval`: between looks for a newer one.
   static absl::StatusOr<std::shared_ptr<HostedMap>> Open(const std::string& uri,
                                                          std::chrono::milliseconds refresh_interval);
-  // A map that `live` makes; it can be read once its first keyframe is durable.
-  static std::shared_ptr<HostedMap> Over(const std::string& uri, std::shared_ptr<engine::LiveMap> live,
-                                         std::chrono::milliseconds refresh_interval);
+  // A map that is made by `live`; it can be read once its first keyframe is durable. The owners of `*shared` are its
+  // sessions.
+  static std::shared_ptr<HostedMap> Over(const std::string& uri, std::unique_ptr<engine::LiveMap> live,
+                                         std::chrono::milliseconds refresh_interval,
+                                         std::shared_ptr<engine::LiveMap>* shared);
 
   // The newest revision. Waits for nobody but who loads the map: while one thread reads what has changed, others get
   // the view before. The fault kMoved if the map was removed or replaced: open it again. After any other error of the
   // store the view stays what it was, and the next call tries again. The fault kNotFound while there is no keyframe.
   absl::StatusOr<std::shared_ptr<const tracking::MapView>> View();
-  // The view that the last call of View() got, or the first one; null: none yet.
+  // What is known of it without looking: while it is written here the newest view, else the last one that View() got.
+  // Null: none yet.
   std::shared_ptr<const tracking::MapView> Known() const;
 
-  // Another reader of the map, for a tracker: it shares what is in memory as long as the map is only read here.
+  // A reader of the map, for a tracker: what is in memory already is not read again, whoever writes the map.
   absl::StatusOr<std::unique_ptr<client::ViewSource>> NewReader();
 
   // The head of the map, for sessions: one for all of them, closed when the last one lets go of it.
@@ -42,16 +46,16 @@ class HostedMap {
   // `news` is the caller's, from one call to the next; at first null.
   void WaitForChange(std::chrono::steady_clock::time_point until, std::shared_ptr<engine::Subscription>* news) const;
 
-  // In memory, roughly: by the size of what is in the store.
-  std::int64_t bytes() const { return bytes_; }
-
  private:
-  HostedMap(std::string uri, std::int64_t stored_bytes, std::chrono::milliseconds refresh_interval);
+  HostedMap(std::string uri, std::chrono::milliseconds refresh_interval)
+      : uri_(std::move(uri)), refresh_interval_(refresh_interval) {}
+  // Closed when the last session lets go of it; what it had published is kept.
+  std::shared_ptr<engine::LiveMap> Adopt(std::unique_ptr<engine::LiveMap> live);
+  absl::StatusOr<std::unique_ptr<client::MapReader>> OpenReader() const;
   absl::StatusOr<std::shared_ptr<const tracking::MapView>> Keep(std::shared_ptr<const tracking::MapView> view);
   std::shared_ptr<engine::LiveMap> Live() const;
 
   const std::string uri_;
-  const std::int64_t bytes_;
   const std::chrono::milliseconds refresh_interval_;
 
   std::mutex reading_;                         // held while the store is opened or read; guards what follows
@@ -62,8 +66,5 @@ class HostedMap {
   std::shared_ptr<const tracking::MapView> view_;
   std::weak_ptr<engine::LiveMap> live_;
 };
-
-// Closes the map when the last one lets go of it.
-std::shared_ptr<engine::LiveMap> ClosedAtTheEnd(std::unique_ptr<engine::LiveMap> live);
 
 }  // namespace cairn::host

@@ -15,6 +15,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
+constexpr milliseconds kInterval(0);  // between two looks at the file
+
 class MapFeedTest : public testing::Test {
  protected:
   void SetUp() override {
@@ -23,8 +25,7 @@ class MapFeedTest : public testing::Test {
     ASSERT_TRUE(conformance::WriteConformanceMap(path_).ok());
     auto live = engine::LiveMap::Open(path_);
     ASSERT_TRUE(live.ok()) << live.status();
-    live_ = ClosedAtTheEnd(*std::move(live));
-    hosted_ = HostedMap::Over(path_, live_, milliseconds(100));
+    hosted_ = HostedMap::Over(path_, *std::move(live), kInterval, &live_);
   }
   void TearDown() override {
     live_.reset();
@@ -125,6 +126,30 @@ TEST_F(MapFeedTest, GoesOnFromWhatTheFollowerHas) {
   EXPECT_TRUE((*client::ViewFeed(Source(), request).Next(milliseconds(0)))->rows.whole) << "of another history";
   request = {"ffffffffffffffffffffffffffffffff", first->revision()};
   EXPECT_TRUE((*client::ViewFeed(Source(), request).Next(milliseconds(0)))->rows.whole) << "of another map";
+}
+
+// What was published last is known without looking, while it is written and after, and readers share it.
+TEST_F(MapFeedTest, TheNewestViewIsKeptAndSharedWhenTheWriterIsGone) {
+  const auto reader = hosted_->NewReader();
+  ASSERT_TRUE(reader.ok()) << reader.status();
+  EXPECT_EQ((*reader)->view(), live_->Published()) << "nothing is read again";
+  Align(2.0);
+  EXPECT_EQ(hosted_->Known(), live_->Published());
+  const auto published = live_->Published();
+  live_.reset();
+  EXPECT_EQ(hosted_->Known(), published);
+  EXPECT_TRUE(*(*reader)->Refresh());
+  EXPECT_EQ((*reader)->view(), published) << "the file has nothing newer";
+  EXPECT_EQ((*hosted_->NewReader())->view(), published);
+  // Another process goes on.
+  auto other = engine::LiveMap::Open(path_);
+  ASSERT_TRUE(other.ok()) << other.status();
+  live_ = *std::move(other);
+  Align(4.0);
+  live_.reset();
+  EXPECT_TRUE(*(*reader)->Refresh());
+  EXPECT_EQ((*reader)->view()->revision(), published->revision() + 1);
+  EXPECT_EQ((*reader)->view()->map().WorldFrom(ComponentId(1))->scale(), 4.0);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "host/map_host.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <thread>
 #include <utility>
@@ -20,6 +21,8 @@ namespace cairn::host {
 namespace {
 
 constexpr absl::string_view kSuffix = ".cairn";
+// Measured on maps of 200 to 1000 keyframes: what is in memory over what is in the store.
+constexpr double kMemoryPerStoredByte = 2.0;
 
 int WorkersOf(const MapHostOptions& options) {
   if (options.workers > 0) return options.workers;
@@ -122,7 +125,9 @@ absl::StatusOr<std::shared_ptr<HostedMap>> MapHost::Use(const std::string& map) 
   const std::lock_guard lock(slot->mutex);
   if (slot->map == nullptr) {
     CAIRN_ASSIGN_OR_RETURN(slot->map, HostedMap::Open(*path, RefreshInterval(options_)));
-    slot->bytes = std::max<std::int64_t>(1, slot->map->bytes());
+    slot->bytes = 1;
+    slot->measured = 0;
+    Measure(map, slot.get());
     MakeRoom(slot.get());
   }
   return slot->map;
@@ -146,14 +151,21 @@ void MapHost::Close(Slot* slot) {
   slot->bytes = 0;
 }
 
+void MapHost::Measure(const std::string& map, Slot* slot) {
+  if (slot->map == nullptr) return;
+  const std::shared_ptr<const tracking::MapView> known = slot->map->Known();
+  if (known == nullptr || known->revision() == slot->measured) return;
+  const absl::StatusOr<store::MapSummary> stored = summaries_.Read(FileOf(map));
+  if (!stored.ok()) return;  // whoever asks for the map is told
+  slot->bytes = std::max<std::int64_t>(1, std::llround(kMemoryPerStoredByte * static_cast<double>(stored->file_bytes)));
+  slot->measured = known->revision();
+}
+
 // With the lock of `keep`, which stays; slots that somebody else is using are left alone.
 void MapHost::MakeRoom(const Slot* keep) {
   std::vector<std::shared_ptr<Slot>> open;
-  {
-    const std::lock_guard lock(mutex_);
-    for (const auto& [name, slot] : slots_) {
-      if (slot->bytes > 0) open.push_back(slot);
-    }
+  for (const auto& [name, slot] : Slots()) {
+    if (slot->bytes > 0) open.push_back(slot);
   }
   std::int64_t bytes = 0;
   for (const auto& slot : open) bytes += slot->bytes;
@@ -170,29 +182,30 @@ void MapHost::MakeRoom(const Slot* keep) {
 }
 
 void MapHost::CloseIdle(Clock::time_point now) {
-  sessions_.FinishAbandoned(now);
-  std::vector<std::shared_ptr<Slot>> slots;
-  {
-    const std::lock_guard lock(mutex_);
-    for (const auto& [name, slot] : slots_) slots.push_back(slot);
+  for (const SessionTable::Abandoned& session : sessions_.FinishAbandoned(now)) {
+    if (options_.on_abandoned) options_.on_abandoned(session);
   }
   const Clock::duration idle = Seconds(options_.idle_close_s);
-  for (const auto& slot : slots) {
+  for (const auto& [name, slot] : Slots()) {
     const std::unique_lock lock(slot->mutex, std::try_to_lock);
-    if (lock && now.time_since_epoch() - slot->used.load() >= idle) Close(slot.get());
+    if (!lock) continue;
+    if (now.time_since_epoch() - slot->used.load() >= idle) Close(slot.get());
+    Measure(name, slot.get());  // sessions make it grow
   }
+  MakeRoom(nullptr);
+}
+
+std::vector<std::pair<std::string, std::shared_ptr<MapHost::Slot>>> MapHost::Slots() {
+  const std::lock_guard lock(mutex_);
+  return {slots_.begin(), slots_.end()};
 }
 
 std::vector<MapHost::OpenMap> MapHost::OpenMaps() {
-  std::vector<std::pair<std::string, std::shared_ptr<Slot>>> slots;
-  {
-    const std::lock_guard lock(mutex_);
-    slots.assign(slots_.begin(), slots_.end());
-  }
   std::vector<OpenMap> open;
-  for (const auto& [name, slot] : slots) {
+  for (const auto& [name, slot] : Slots()) {
     const std::unique_lock lock(slot->mutex, std::try_to_lock);  // one that is being opened is not open
     if (!lock || slot->map == nullptr) continue;
+    Measure(name, slot.get());
     const std::shared_ptr<const tracking::MapView> known = slot->map->Known();
     open.push_back({name, known != nullptr ? known->revision() : 0, slot->bytes, slot->map->writing()});
   }
@@ -291,6 +304,8 @@ absl::StatusOr<api::AcrossAnswer> MapHost::LocalizeAcross(const std::vector<std:
                                                      api::kMaxMapsAcross, ": name those that it may be"));
     }
     std::vector<api::AnswerOfMap> answers;
+    absl::Status missing;
+    bool all_missing = true;
     for (const std::string& name : names) {
       absl::StatusOr<api::LocalizeAnswer> answer = Localize(name, query);
       const store::Fault fault = store::FaultOf(answer.status());
@@ -299,9 +314,12 @@ absl::StatusOr<api::AcrossAnswer> MapHost::LocalizeAcross(const std::vector<std:
       // What is wrong with the question is wrong with it everywhere.
       const bool of_question = fault == store::Fault::kNone &&
                                (absl::IsInvalidArgument(answer.status()) || absl::IsResourceExhausted(answer.status()));
-      if (removed || of_question) return answer.status();
+      if (of_question) return answer.status();
+      if (removed) missing = answer.status();
+      all_missing = all_missing && removed;
       answers.push_back({name, answer.status(), answer.ok() ? *std::move(answer) : api::LocalizeAnswer()});
     }
+    if (!answers.empty() && all_missing) return missing;
     return api::JudgeAcross(std::move(answers));
   });
 }
@@ -343,6 +361,10 @@ absl::StatusOr<std::unique_ptr<api::MapFeed>> MapHost::Follow(const std::string&
       return rows;
     };
     CAIRN_RETURN_IF_ERROR(source.newest().status());
+    // Counted for as long as the feed holds its source.
+    ++followers_;
+    const std::shared_ptr<void> counted(nullptr, [this](void*) { --followers_; });
+    source.newest = [counted, newest = std::move(source.newest)] { return newest(); };
     return std::make_unique<client::ViewFeed>(std::move(source), request);
   });
 }
@@ -379,9 +401,10 @@ absl::StatusOr<std::shared_ptr<engine::LiveMap>> MapHost::CreateMap(const api::S
     return store::MakeFault(store::Fault::kExists, absl::StrCat("there is a map \"", request.map, "\" already"));
   }
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::LiveMap> created, engine::LiveMap::Create(path, info, vocabulary));
-  std::shared_ptr<engine::LiveMap> live = ClosedAtTheEnd(std::move(created));
-  slot->map = HostedMap::Over(path, live, RefreshInterval(options_));
+  std::shared_ptr<engine::LiveMap> live;
+  slot->map = HostedMap::Over(path, std::move(created), RefreshInterval(options_), &live);
   slot->bytes = 1;
+  slot->measured = 0;
   return live;
 }
 

@@ -6,10 +6,12 @@
 
 #include <atomic>
 #include <chrono>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "api/map_service.h"
@@ -27,7 +29,7 @@ namespace cairn::host {
 
 struct MapHostOptions {
   std::string directory;
-  // Of all open maps together, roughly (HostedMap::bytes). The map that is asked for is opened in any case.
+  // Of all open maps together, roughly. The map that is asked for is opened in any case.
   std::int64_t memory_budget_bytes = 4'000'000'000;
   double idle_close_s = 600.0;      // a map that nobody has asked for so long is closed
   double refresh_interval_s = 0.1;  // between looks for what another process has changed
@@ -38,6 +40,8 @@ struct MapHostOptions {
   double session_wait_s = 60.0;  // a session that its client has let go of waits so long for it, and is then finished
   client::LocalLocalizerOptions localizer;
   client::LocalTrackerOptions tracker;
+  // Told of every session that is ended because its client did not come back; by who calls CloseIdle().
+  std::function<void(const SessionTable::Abandoned&)> on_abandoned;
 
   absl::Status Validate() const;
 };
@@ -93,6 +97,7 @@ class MapHost : public api::MapService {
   SessionTable::Counts sessions() const { return sessions_.counts(); }
   std::vector<api::ActiveSession> ActiveSessions() const { return sessions_.Active(Clock::now()); }
   std::int64_t waiting() const { return gate_.waiting(); }  // images that wait for their turn
+  int followers() const { return followers_; }              // feeds that have been given out by Follow()
   // Whether the directory can be read; NotFound if it is gone.
   absl::Status Ready() const;
 
@@ -102,7 +107,8 @@ class MapHost : public api::MapService {
     std::mutex mutex;
     std::shared_ptr<HostedMap> map;       // null: not open
     std::atomic<Clock::duration> used{};  // since the clock's epoch
-    std::atomic<std::int64_t> bytes{0};   // of the map; 0: not open
+    std::atomic<std::int64_t> bytes{0};   // of the map in memory, roughly; 0: not open
+    Revision measured = 0;                // that `bytes` is of
   };
 
   explicit MapHost(const MapHostOptions& options);
@@ -115,6 +121,7 @@ class MapHost : public api::MapService {
   // Where the map is. InvalidArgument for what is no name, NotFound if there is no such file in this directory.
   absl::StatusOr<std::string> PathOf(const std::string& map) const;
   std::shared_ptr<Slot> SlotOf(const std::string& map);
+  std::vector<std::pair<std::string, std::shared_ptr<Slot>>> Slots();
   // The slot of a map that is being written here, whether its file exists yet or not; null: it is not.
   std::shared_ptr<HostedMap> Written(const std::string& map);
   absl::StatusOr<std::shared_ptr<engine::LiveMap>> CreateMap(const api::SessionRequest& request);
@@ -123,6 +130,8 @@ class MapHost : public api::MapService {
   absl::StatusOr<std::shared_ptr<const tracking::MapView>> ViewOf(const std::string& map);
   absl::StatusOr<api::MapSummary> Summarize(const std::string& map);
   void MakeRoom(const Slot* keep);
+  // What it takes in memory now, by the size of what is in the store. With the slot's lock.
+  void Measure(const std::string& map, Slot* slot);
   // Unless it is being written.
   static void Close(Slot* slot);
   // Without the directory's name, which is nobody's business.
@@ -135,6 +144,7 @@ class MapHost : public api::MapService {
   const Trash trash_;
   store::SummaryCache summaries_;
   std::atomic<int> scratch_files_ = 0;  // made so far
+  std::atomic<int> followers_ = 0;
 
   std::mutex vocabulary_mutex_;
   std::shared_ptr<const place::Vocabulary> vocabulary_;  // of new maps; null: not needed yet

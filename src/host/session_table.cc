@@ -133,7 +133,7 @@ void SessionTable::Remove(const std::string& token) {
   entries_.erase(found);
 }
 
-void SessionTable::FinishAbandoned(Clock::time_point now) {
+std::vector<SessionTable::Abandoned> SessionTable::FinishAbandoned(Clock::time_point now) {
   std::vector<std::shared_ptr<Entry>> abandoned;
   {
     const std::lock_guard lock(mutex_);
@@ -143,11 +143,15 @@ void SessionTable::FinishAbandoned(Clock::time_point now) {
       return true;
     });
   }
+  std::vector<Abandoned> ended;
   for (const std::shared_ptr<Entry>& entry : abandoned) {
     const absl::Status finished = Guarded([&] { return entry->session->Finish(); }).status();
     spdlog::info("session {} was left by its client and is finished{}{}", entry->session->progress().session.value(),
                  finished.ok() ? "" : ": ", std::string(finished.message()));
+    entry->told.progress = entry->session->progress();
+    ended.push_back({entry->client, entry->told, finished});
   }
+  return ended;
 }
 
 void SessionTable::Note(Entry* entry, const api::SessionAnswer* answer, const api::SessionProgress& progress) {

@@ -31,8 +31,14 @@ class SessionTable {
   // As api::MapService::ResumeSession().
   absl::StatusOr<std::unique_ptr<api::MapSession>> Resume(const std::string& token);
 
-  // Ends, in order, those that nobody has come back to.
-  void FinishAbandoned(Clock::time_point now);
+  // A session that nobody has come back to, and how it was ended.
+  struct Abandoned {
+    std::string client;  // as in the request
+    api::ActiveSession session;
+    absl::Status finished;
+  };
+  // Ends them, in order.
+  std::vector<Abandoned> FinishAbandoned(Clock::time_point now);
 
   struct Counts {
     int held = 0;     // by their clients

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_join.h"
 #include "io/atomic_file.h"
+#include "io/sensor_file.h"
 #include "io/yaml_file.h"
 
 namespace cairn::io {
@@ -26,6 +27,16 @@ absl::Status CheckKeys(const std::string& path, const YAML::Node& root) {
   return absl::OkStatus();
 }
 
+absl::Status ReadRate(const std::string& path, const YAML::Node& root, CameraFile* out) {
+  if (root["rate_hz"]) {
+    CAIRN_ASSIGN_OR_RETURN(out->rate_hz, YamlNumber(path, root, "rate_hz"));
+    if (!(out->rate_hz > 0.0 && out->rate_hz <= 1e6)) {
+      return YamlError(path, root["rate_hz"], "`rate_hz` must be positive: images per second");
+    }
+  }
+  return absl::OkStatus();
+}
+
 // The shortest text that gives back the same number.
 std::string NumberText(double value) {
   std::array<char, 32> buffer;
@@ -42,8 +53,13 @@ std::string ListText(const std::vector<double>& values) {
 
 absl::StatusOr<CameraFile> LoadCamera(const std::string& path) {
   CAIRN_ASSIGN_OR_RETURN(const YAML::Node root, LoadYamlMap(path));
-  CAIRN_RETURN_IF_ERROR(CheckKeys(path, root));
   CameraFile out;
+  if (LooksLikeSensorFile(root)) {
+    CAIRN_ASSIGN_OR_RETURN(out.camera, ReadSensorCamera(path, root));
+    CAIRN_RETURN_IF_ERROR(ReadRate(path, root, &out));
+    return out;
+  }
+  CAIRN_RETURN_IF_ERROR(CheckKeys(path, root));
   Camera& camera = out.camera;
   CAIRN_ASSIGN_OR_RETURN(const std::string model, YamlText(path, root, "model"));
   const absl::StatusOr<CameraModel> parsed_model = CameraModelFromName(model);
@@ -62,12 +78,7 @@ absl::StatusOr<CameraFile> LoadCamera(const std::string& path) {
   if (root["distortion"]) {
     CAIRN_ASSIGN_OR_RETURN(camera.distortion, YamlNumbers(path, root, "distortion"));
   }
-  if (root["rate_hz"]) {
-    CAIRN_ASSIGN_OR_RETURN(out.rate_hz, YamlNumber(path, root, "rate_hz"));
-    if (!(out.rate_hz > 0.0 && out.rate_hz <= 1e6)) {
-      return YamlError(path, root["rate_hz"], "`rate_hz` must be positive: images per second");
-    }
-  }
+  CAIRN_RETURN_IF_ERROR(ReadRate(path, root, &out));
   CAIRN_RETURN_IF_ERROR(Annotate(camera.Validate(), path));
   return out;
 }

@@ -1,4 +1,4 @@
-// The camera.yaml files (docs/input.md).
+// The camera.yaml files (docs/input.md); the sensor.yaml of EuRoC folders are read as well.
 #pragma once
 
 #include <string>

@@ -2,6 +2,7 @@
 // same layout: mav0/camN/{sensor.yaml, data.csv, data/}.
 #include "absl/strings/str_join.h"
 #include "io/body_camera.h"
+#include "io/sensor_file.h"
 #include "io/sequence_readers.h"
 #include "io/text_lines.h"
 #include "io/time_column.h"
@@ -25,28 +26,6 @@ std::optional<fs::path> CameraFolder(const fs::path& folder, int index) {
   return std::nullopt;
 }
 
-absl::StatusOr<CameraModel> ModelOf(const std::string& path, const YAML::Node& root) {
-  if (root["camera_model"]) {
-    CAIRN_ASSIGN_OR_RETURN(const std::string camera_model, YamlText(path, root, "camera_model"));
-    if (camera_model != "pinhole") {
-      return YamlError(
-          path, root["camera_model"],
-          absl::StrCat("camera_model `", camera_model, "` is not known, only pinhole; give the camera with --camera"));
-    }
-  }
-  if (!root["distortion_model"]) return CameraModel::kPinhole;
-  CAIRN_ASSIGN_OR_RETURN(const std::string name, YamlText(path, root, "distortion_model"));
-  if (name == "radial-tangential" || name == "radtan" || name == "plumb_bob" || name == "rational_polynomial") {
-    return CameraModel::kRadialTangential;
-  }
-  if (name == "equidistant" || name == "kannala-brandt") return CameraModel::kKannalaBrandt;
-  if (name == "fov") return CameraModel::kFov;
-  if (name == "none") return CameraModel::kPinhole;
-  return YamlError(
-      path, root["distortion_model"],
-      absl::StrCat("distortion_model `", name, "` is not one of radial-tangential, equidistant, fov, none"));
-}
-
 absl::Status ReadSensor(const std::string& path, bool with_camera, SequenceFiles& out) {
   CAIRN_ASSIGN_OR_RETURN(const YAML::Node root, LoadYamlMap(path));
   CAIRN_ASSIGN_OR_RETURN(out.body_from_camera, FindBodyFromCamera(path));
@@ -54,19 +33,8 @@ absl::Status ReadSensor(const std::string& path, bool with_camera, SequenceFiles
     CAIRN_ASSIGN_OR_RETURN(out.rate_hz, YamlNumber(path, root, "rate_hz"));
   }
   if (!with_camera) return absl::OkStatus();
-  Camera& camera = out.camera;
-  CAIRN_ASSIGN_OR_RETURN(camera.model, ModelOf(path, root));
-  CAIRN_RETURN_IF_ERROR(YamlSize(path, root, "resolution", &camera.width_px, &camera.height_px));
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<double> intrinsics, YamlNumbers(path, root, "intrinsics"));
-  if (intrinsics.size() != 4) return YamlError(path, root["intrinsics"], "`intrinsics` must be [fu, fv, cu, cv]");
-  camera.fx_px = intrinsics[0];
-  camera.fy_px = intrinsics[1];
-  camera.cx_px = intrinsics[2];
-  camera.cy_px = intrinsics[3];
-  if (camera.model != CameraModel::kPinhole) {
-    CAIRN_ASSIGN_OR_RETURN(camera.distortion, YamlNumbers(path, root, "distortion_coefficients"));
-  }
-  return Annotate(camera.Validate(), path);
+  CAIRN_ASSIGN_OR_RETURN(out.camera, ReadSensorCamera(path, root));
+  return absl::OkStatus();
 }
 
 absl::Status ReadList(const fs::path& list, SequenceFiles* out) {

@@ -4,6 +4,7 @@
 
 #include <cstring>
 
+#include "absl/strings/str_replace.h"
 #include "io/atomic_file.h"
 #include "io/camera_file.h"
 #include "io/photometric_files.h"
@@ -32,6 +33,24 @@ TEST(CameraFile, Reads) {
     EXPECT_EQ(file->camera.distortion.size(), 4u);
     EXPECT_EQ(file->rate_hz, 20.0);
   }
+}
+
+TEST(CameraFile, ReadsTheSensorFilesOfEuroc) {
+  const TestingFolder folder;
+  const std::string sensor =
+      "%YAML:1.0\nsensor_type: camera\ncomment: VI-Sensor cam0\nrate_hz: 20\nresolution: [752, 480]\n"
+      "camera_model: pinhole\nintrinsics: [458.654, 457.296, 367.215, 248.375]\n"
+      "distortion_model: radial-tangential\ndistortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.7e-05]\n";
+  folder.Write("sensor.yaml", sensor);
+  const auto file = LoadCamera(folder / "sensor.yaml");
+  ASSERT_TRUE(file.ok()) << file.status();
+  EXPECT_EQ(file->camera.model, CameraModel::kRadialTangential);
+  EXPECT_EQ(file->camera.height_px, 480);
+  EXPECT_EQ(file->camera.cx_px, 367.215);
+  EXPECT_EQ(file->camera.distortion.size(), 4u);
+  EXPECT_EQ(file->rate_hz, 20.0);
+  folder.Write("sensor.yaml", absl::StrReplaceAll(sensor, {{"rate_hz: 20", "rate_hz: -1"}}));
+  EXPECT_FALSE(LoadCamera(folder / "sensor.yaml").ok());
 }
 
 TEST(CameraFile, ErrorsNameFileLineAndRemedy) {

@@ -41,6 +41,11 @@ absl::Status CheckAddress(const std::string& address) {
   return bracketed || !absl::StrContains(host, ':') ? absl::OkStatus() : bad();
 }
 
+std::string WithPort(const std::string& address) {
+  const bool names_one = absl::EndsWith(address, "]") ? false : absl::StrContains(address, ':');
+  return address.empty() || names_one ? address : absl::StrCat(address, ":", kDefaultPort);
+}
+
 bool IsLoopback(const std::string& address) {
   if (absl::StartsWith(address, kUnix)) return true;
   const absl::string_view host = HostOf(address);

@@ -24,5 +24,13 @@ TEST(Addresses, WhatIsNone) {
   }
 }
 
+TEST(Addresses, AreCompletedByThePort) {
+  EXPECT_EQ(WithPort("localhost"), "localhost:7878");
+  EXPECT_EQ(WithPort("[::1]"), "[::1]:7878");
+  for (const std::string address : {"localhost:1", "[::1]:1", "unix:/a/b", "unix:relative", ""}) {
+    EXPECT_EQ(WithPort(address), address);
+  }
+}
+
 }  // namespace
 }  // namespace cairn::wire

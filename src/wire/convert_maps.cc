@@ -62,6 +62,7 @@ void ToProto(const api::MapDescription& description, v1::DescribeMapResponse* ou
     info->set_joined_into(component.joined_into.value());
   }
   for (const map::Session& session : description.sessions) Write(session, out->add_sessions());
+  ToProto(description.orb, out->mutable_orb());
 }
 
 absl::StatusOr<api::MapDescription> FromProto(const v1::DescribeMapResponse& message) {
@@ -87,6 +88,9 @@ absl::StatusOr<api::MapDescription> FromProto(const v1::DescribeMapResponse& mes
     description.components.push_back(component);
   }
   for (const v1::SessionInfo& session : message.sessions()) description.sessions.push_back(Read(session));
+  if (message.has_orb()) {  // servers of before do not say
+    CAIRN_ASSIGN_OR_RETURN(description.orb, FromProto(message.orb()));
+  }
   return description;
 }
 

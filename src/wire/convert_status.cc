@@ -65,6 +65,7 @@ void ToProto(const api::ServerStatus& status, v1::GetStatusResponse* out) {
   out->set_uptime_s(status.uptime_s);
   out->set_resident_bytes(status.resident_bytes);
   out->set_images_waiting(status.images_waiting);
+  out->set_followers(status.followers);
   for (const api::ServerStatus::Map& map : status.maps) {
     v1::OpenMap* told = out->add_maps();
     told->set_map(map.name);
@@ -93,6 +94,7 @@ api::ServerStatus FromProto(const v1::GetStatusResponse& message) {
   status.uptime_s = message.uptime_s();
   status.resident_bytes = message.resident_bytes();
   status.images_waiting = message.images_waiting();
+  status.followers = message.followers();
   for (const v1::OpenMap& map : message.maps()) {
     status.maps.push_back({map.map(), map.revision(), map.memory_bytes(), map.writing()});
   }

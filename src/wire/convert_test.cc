@@ -178,5 +178,45 @@ TEST(Convert, DescriptionsOfMaps) {
   EXPECT_EQ(FromProto(line)->status.message(), "is damaged");
 }
 
+api::ImageFeatures SomeFeatures() {
+  api::ImageFeatures features;
+  features.pinhole = {640, 480, 500.0, 501.0, 320.0, 240.0};
+  for (int i = 0; i < 100; ++i) {
+    features.features.keypoints.push_back(
+        {6.0f * static_cast<float>(i) + 0.25f, 4.0f * static_cast<float>(i), 0.01f, static_cast<std::uint8_t>(i % 8)});
+    features.features.descriptors.push_back({static_cast<std::uint64_t>(i), 2, 3, 4});
+  }
+  return features;
+}
+
+TEST(Convert, FeaturesComeBackAsTheyWereAndOthersAreRefused) {
+  const api::ImageFeatures features = SomeFeatures();
+  v1::ImageFeatures message;
+  ToProto(features, &message);
+  const auto read = FromProto(message);
+  ASSERT_TRUE(read.ok()) << read.status();
+  EXPECT_EQ(read->features.descriptors, features.features.descriptors);
+  EXPECT_EQ(read->features.keypoints.size(), features.features.keypoints.size());
+  EXPECT_EQ(read->features.keypoints[7].x_px, features.features.keypoints[7].x_px);
+  EXPECT_EQ(read->features.keypoints[7].octave, 7);
+  EXPECT_EQ(read->pinhole, features.pinhole);
+  EXPECT_EQ(read->orb, features.orb);
+  const auto refused = [&](auto change) {
+    v1::ImageFeatures changed = message;
+    change(&changed);
+    return FromProto(changed).status().code() == absl::StatusCode::kInvalidArgument;
+  };
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_features()->set_count(101); }));
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_features()->set_count(4'000'000'000u); }));
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_features()->set_keypoint_layout(77); }));
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_features()->mutable_descriptors()->pop_back(); }));
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_features()->set_word_bytes(2); }));
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_orb()->set_num_levels(3); })) << "octaves that there are not";
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_orb()->set_scale_factor(0.5); }));
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_pinhole()->set_width_px(100); })) << "keypoints beyond the image";
+  EXPECT_TRUE(refused([](auto* m) { m->mutable_pinhole()->set_fx_px(-1.0); }));
+  EXPECT_TRUE(refused([](auto* m) { m->clear_pinhole(); }));
+}
+
 }  // namespace
 }  // namespace cairn::wire

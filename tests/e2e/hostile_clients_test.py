@@ -141,7 +141,7 @@ class HostileClients(unittest.TestCase):
                     answer = client.recv(1000)
                 except OSError:  # it has closed already
                     answer = b''
-                self.assertTrue(answer == b'' or answer.startswith((b'HTTP/1.1 400', b'HTTP/1.1 413')), answer)
+                self.assertTrue(answer == b'' or answer.startswith((b'HTTP/1.1 400', b'HTTP/1.1 413', b'HTTP/1.1 431')), answer)
 
     def test_what_is_not_grpc(self):
         preface = b'PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n'

@@ -94,6 +94,20 @@ class ProtectedServer(unittest.TestCase):
                               env={'CAIRN_TOKEN': self.reader}, timeout=60)
         self.assertEqual(done.returncode, 0, done.stderr)
 
+        done = subprocess.run([BINARY, '--server', f'localhost:{port}', 'ls'], capture_output=True, text=True,
+                              env={'CAIRN_TOKEN': self.reader, 'CAIRN_CA': str(self.folder / 'ca.pem')}, timeout=60)
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_secret_is_written_for_its_owner_alone(self):
+        path = self.folder / 'written.token'
+        self.assertEqual(run(DAEMON, 'token', 'create', 'written', '--maps', '*', '--output', path, '--tokens', self.tokens), '')
+        self.assertEqual(path.stat().st_mode & 0o777, 0o600)
+        self.assertEqual(self.get('/v1/maps', path.read_text().strip())[0], 200)
+        again = subprocess.run([DAEMON, 'token', 'create', 'again', '--maps', '*', '--output', path, '--tokens', self.tokens],
+                               capture_output=True, text=True, timeout=60)
+        self.assertEqual(again.returncode, 1, 'it exists')
+        self.assertNotIn('again', run(DAEMON, 'token', 'list', '--tokens', self.tokens), 'and nothing was created')
+
     def test_cairn_trusts_its_own_ca_only(self):
         refused = self.ask('reader', 'ls', ca='other')
         self.assertEqual(refused.code, 1)

@@ -1,4 +1,5 @@
 """Sessions over the network: they make maps and extend them, and survive cut connections and a killed server."""
+import json
 import pathlib
 import shutil
 import signal
@@ -55,6 +56,7 @@ class ServedSessions(unittest.TestCase):
         self.assertEqual(extended['joins'], 1)
         self.assertEqual(cairn('--server', self.server.address, 'run', self.first, '--map', 'office').code, 1, 'it exists')
         self.assertEqual(cairn('--server', self.server.address, 'run', self.first, '--map', 'x', '--deterministic').code, 2)
+        self.assert_status_is_of(extended['revision'])
         tracked = cairn('--server', self.server.address, 'track', self.second, '--map', 'office')
         self.assertEqual(tracked.code, 0, tracked.out)
         self.assertEqual(tracked.json['with_pose_share'], 1.0)
@@ -72,6 +74,14 @@ class ServedSessions(unittest.TestCase):
         info = must('info', self.maps / 'office.cairn')
         self.assertEqual([s['complete'] for s in info['sessions']], [True, True])
         self.assertEqual(info['revision'], extended['revision'])
+
+    def assert_status_is_of(self, revision):
+        """Without anybody having asked for the map since."""
+        status = must('--server', self.server.address, 'top')
+        self.assertEqual([(m['name'], m['revision'], m['writing']) for m in status['maps']], [('office', revision, False)])
+        stored = (self.maps / 'office.cairn').stat().st_size
+        self.assertGreater(status['maps'][0]['memory_bytes'], stored)
+        self.assertIn(f'cairn_map_revision{{map="office"}} {revision}\n', self.server.get('/metrics')[2])
 
     def begin(self, *arguments):
         return subprocess.Popen([BINARY, '--server', self.server.address, 'run', *map(str, arguments), '--json'],
@@ -127,7 +137,8 @@ class ServedSessions(unittest.TestCase):
 
     def test_a_session_whose_client_is_gone_is_finished(self):
         self.server.stop()
-        self.server = Server(self.maps, '--session-wait-s', 1)
+        audit = self.folder / 'audit.jsonl'
+        self.server = Server(self.maps, '--session-wait-s', 1, '--audit-log', audit)
         client = self.begin(self.first, '--map', 'office', '--realtime', 1)
         self.wait_for_keyframes('office', 5)
         client.kill()
@@ -136,6 +147,21 @@ class ServedSessions(unittest.TestCase):
         while not cairn('--server', self.server.address, 'info', 'office').json['sessions'][0]['complete']:
             self.assertLess(time.monotonic(), deadline)
             time.sleep(0.2)
+        self.assertEqual(self.server.stop(), 0)
+        lines = [json.loads(line) for line in audit.read_text().splitlines()]
+        self.assertEqual([(a['action'], a['outcome']) for a in lines],
+                         [('session_started_new_map', 'ok'), ('session_left', 'ok'), ('session_abandoned', 'ok')])
+        self.assertGreater(lines[-1]['details']['frames'], 5)
+
+    def test_a_session_that_was_cut_off_says_how_far_it_came(self):
+        client = self.begin(self.first, '--map', 'office', '--realtime', 1)
+        self.wait_for_keyframes('office', 5)
+        self.server.stop(signal.SIGKILL)
+        client.kill()
+        client.communicate()
+        self.server = Server(self.maps)
+        said = cairn('--server', self.server.address, 'info', 'office', json_output=False).out
+        self.assertRegex(said, r'session 1: .* (?!0\.0)[0-9.]+ s, .*\(cut off\)')
 
 
 if __name__ == '__main__':

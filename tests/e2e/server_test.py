@@ -8,8 +8,9 @@ import subprocess
 import tempfile
 import time
 import unittest
+import urllib.request
 
-from cairn_cli import cairn, must
+from cairn_cli import BINARY, cairn, must
 from served_maps import DAEMON, Server
 
 
@@ -67,6 +68,40 @@ class ServedMaps(unittest.TestCase):
         answer = self.ask('localize', photo, '--camera', camera, '--map', 'office')
         self.assertEqual(answer.code, 0, answer.out)
         self.assertTrue(answer.json['localized'])
+        # Its features say the same; the camera may be given as EuRoC does.
+        by_features = self.ask('localize', photo, '--camera', self.visit / 'mav0/cam0/sensor.yaml', '--map', 'office', '--send', 'features')
+        self.assertEqual(by_features.code, 0, by_features.out)
+        self.assertEqual(by_features.json['position'], answer.json['position'])
+        self.assertEqual(cairn('localize', photo, '--camera', camera, '--map', self.map, '--send', 'features').code, 2)
+        both = self.ask('localize', photo, '--camera', camera, '--map', 'office', '--all-maps')
+        self.assertEqual((both.code, 'one of the two' in both.json['error']), (2, True))
+        # A map that is not there is told, and the others answer.
+        across = self.ask('localize', photo, '--camera', camera, '--map', 'office,kitchen')
+        self.assertEqual((across.code, across.json['in_map']), (0, 'office'), across.out)
+        self.assertIn('no map', [a['error'] for a in across.json['answers'] if a['in_map'] == 'kitchen'][0])
+
+    def test_makes_and_exports_maps(self):
+        made = self.ask('create', 'cellar', '--title', 'Cellar')
+        self.assertEqual((made.code, made.json['keyframes']), (0, 0), made.out)
+        self.assertEqual(self.ask('create', 'cellar').code, 1)
+        self.assertEqual(self.ask('delete', 'cellar').code, 0)
+        self.assertEqual(must('create', self.folder / 'attic.cairn')['keyframes'], 0)
+        exported = self.folder / 'exported.cairn'
+        with urllib.request.urlopen(f'{self.server.url}/v1/maps/office:export', timeout=20) as answer:
+            self.assertEqual(answer.headers['Content-Disposition'], 'attachment; filename="office.cairn"')
+            exported.write_bytes(answer.read())
+        self.assertEqual(must('info', exported, '--digest')['digest'], self.digest)
+        poses = [line for line in self.server.get('/v1/maps/office:export?content=trajectory')[2].splitlines() if line[0] != '#']
+        self.assertEqual(len(poses), must('info', self.map)['keyframes'])
+        self.assertEqual(self.server.get('/v1/maps/office:export?content=soup')[0], 400)
+        self.assertEqual(self.server.get('/v1/maps/office/log?count=abc')[0], 400)
+        self.assertEqual(len(json.loads(self.server.get('/v1/maps/office/log?max_count=1')[2])['changes']), 1)
+
+    def test_top_ends_with_its_reader(self):
+        top = subprocess.Popen([BINARY, '--server', self.server.address, 'top', '--interval', '0.1'], stdout=subprocess.PIPE)
+        self.assertIn(b'cairnd', top.stdout.readline())
+        top.stdout.close()
+        self.assertIn(top.wait(timeout=20), (141, -signal.SIGPIPE))
 
     def test_a_photo_by_curl(self):
         if not shutil.which('curl'):
@@ -130,11 +165,15 @@ class ServedMaps(unittest.TestCase):
         self.assertEqual(code, 2)
         self.assertIn('cairnd.yaml:2: unknown key `memroy_mb`', said)
         self.assertEqual(check('memory_mb: 100\n')[0], 2, 'no directory')
+        self.assertEqual(check('maps: /not/there\n')[0], 1)
+        code, said = check(f'maps: {self.maps}\n', '--max-calls', '0')
+        self.assertEqual((code, '--max-calls must be 8 to 10000, not 0' in said), (2, True), said)
+        self.assertEqual(check(f'maps: {self.maps}\naudit_log: /not/there/audit.jsonl\n')[0], 1)
         self.assertEqual(check('memory_mb: 100\n', '--maps', str(self.maps))[0], 0)
         self.assertEqual(check(f'maps: {self.maps}\nlisten: 0.0.0.0:1\n')[0], 1)
         self.assertEqual(check(f'maps: {self.maps}\nlisten: 0.0.0.0:1\n', '--listen', '127.0.0.1:1')[0], 0, 'options count more')
         shipped = pathlib.Path(__file__).resolve().parents[2] / 'server/daemon/cairnd.yaml'
-        everything = shipped.read_text().replace('# ', '').split('\n\n', 1)[1]
+        everything = shipped.read_text().replace('/var/lib/cairn\n', f'{self.maps}\n').replace('# ', '').split('\n\n', 1)[1]
         self.assertEqual(check(everything)[0], 0, 'what the example shows as standards')
 
     def test_the_unit_of_systemd(self):

@@ -32,6 +32,7 @@ void AddShowCommand(CLI::App& app, Action* action);
 void AddStatsCommand(CLI::App& app, Action* action);
 void AddAlignCommand(CLI::App& app, Action* action);
 void AddLogCommand(CLI::App& app, Action* action);
+void AddCreateCommand(CLI::App& app, Action* action);
 void AddSnapshotCommand(CLI::App& app, Action* action);
 void AddDeleteCommand(CLI::App& app, Action* action);
 void AddRestoreCommand(CLI::App& app, Action* action);

@@ -38,6 +38,7 @@ struct LocalizeOptions {
   std::string picture;
   PriorOptions prior_text;
   std::optional<api::PosePrior> prior;  // of every image
+  std::string send = "image";
   bool all_maps = false;
   bool independent = false;
   bool verbose = false;
@@ -264,7 +265,13 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, LocalizeTar
 
 absl::StatusOr<int> Localize(LocalizeOptions options) {
   InterruptWatch interrupt;
-  if (options.map.empty() != options.all_maps) return FailUsage("localize", "--map is required", options.json);
+  if (options.map.empty() && !options.all_maps) return FailUsage("localize", "--map is required", options.json);
+  if (!options.map.empty() && options.all_maps) {
+    return FailUsage("localize", "--map names maps, --all-maps are all of them: give one of the two", options.json);
+  }
+  if (options.send != "image" && (options.server.empty() || options.all_maps || !SeveralMaps(options).empty())) {
+    return FailUsage("localize", "--send features is for one map of a server", options.json);
+  }
   if (options.all_maps && options.server.empty()) {
     return FailUsage("localize", "--all-maps are those of a server: give --server HOST:PORT", options.json);
   }
@@ -328,6 +335,7 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
       "ones, or in the largest");
   verb->add_option("--picture", options->picture, "Draw the map and the cameras found to this .png or .svg file");
   AddPriorOptions(verb, &options->prior_text);
+  AddSendOption(verb, &options->send);
   verb->add_flag("--independent", options->independent,
                  "Locate each image on its own, without help from the ones before it (needed for a sequence)");
   verb->add_flag("--verbose", options->verbose, "Print the answer for each image (with --json: as `images`)");
@@ -347,6 +355,7 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
       "  cairn --server localhost:7878 localize photo.jpg --camera camera.yaml --all-maps");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
+    options->server.send_features = options->send == "features";
     *action = [=] {
       const absl::StatusOr<int> code = Localize(*options);
       return code.ok() ? *code : Fail("localize", code.status(), options->json);

@@ -1,9 +1,12 @@
 // cairn top: how a server is doing, again and again.
 #include <unistd.h>
 
+#include <cerrno>
 #include <chrono>
 #include <condition_variable>
+#include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <mutex>
 #include <optional>
 
@@ -43,12 +46,13 @@ class Pause {
   bool ended_ = false;
 };
 
-void Show(const std::vector<std::string>& lines, bool terminal) {
+// False: nobody reads it any more, or it cannot be written.
+bool Show(const std::vector<std::string>& lines, bool terminal) {
   // Home, each line to its end, then what is below: without the flicker of clearing all of it.
   if (terminal) std::fputs("\x1b[H", stdout);
   for (const std::string& line : lines) std::printf("%s%s\n", line.c_str(), terminal ? "\x1b[K" : "");
   std::fputs(terminal ? "\x1b[J" : "\n", stdout);
-  std::fflush(stdout);
+  return std::fflush(stdout) == 0;
 }
 
 absl::StatusOr<int> Top(const TopOptions& options) {
@@ -67,8 +71,11 @@ absl::StatusOr<int> Top(const TopOptions& options) {
     const api::ServerStatus* since = before ? &*before : nullptr;
     if (options.json) {
       PrintJson(StatusAsJson(options.server.address, now, since, seconds));
-    } else {
-      Show(StatusLines(options.server.address, now, since, seconds), terminal);
+    } else if (!Show(StatusLines(options.server.address, now, since, seconds), terminal)) {
+      if (errno != EPIPE)
+        return absl::DataLossError(absl::StrCat("writing to standard output: ", std::strerror(errno)));
+      std::clearerr(stdout);
+      return 128 + SIGPIPE;  // who read it has had enough, as with any program
     }
     if (once || looks == options.count || pause.Wait(options.interval_s)) return interrupts.exit_code();
     before = now;

@@ -85,7 +85,9 @@ void PrintDescribedMap(const api::MapDescription& map) {
     std::printf("  session %u: %s, camera %u, %.1f s, by cairn %s%s%s%s\n", session.id.value(), session.source.c_str(),
                 session.camera.value(), ToSeconds(std::max<TimeNs>(0, session.last_ns - session.first_ns)),
                 session.software_version.c_str(), started.empty() ? "" : " on ", started.c_str(),
-                session.complete ? "" : " (running, or cut off)");
+                session.complete  ? ""
+                : summary.writing ? " (running, or cut off)"
+                                  : " (cut off)");
   }
 }
 

@@ -35,7 +35,7 @@ void Print(const api::AcrossAnswer& across, const std::string& image) {
   if (across.ambiguous) std::printf("the image fits several maps about as well:\n");
   if (across.answers.empty()) std::printf("there is no map\n");
   for (const api::AnswerOfMap& answer : across.answers) {
-    if (across.located() != nullptr && !answer.answer.localized) break;
+    if (across.located() != nullptr && answer.status.ok() && !answer.answer.localized) continue;
     std::printf("%s: ", answer.map.c_str());
     if (answer.status.ok()) {
       PrintLocalizeAnswer(answer.answer, image);

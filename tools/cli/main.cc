@@ -138,6 +138,7 @@ int ParseAndRun(Call* call) {
   AddStatsCommand(app, &action);
   AddAlignCommand(app, &action);
   AddLogCommand(app, &action);
+  AddCreateCommand(app, &action);
   AddSnapshotCommand(app, &action);
   AddDeleteCommand(app, &action);
   AddRestoreCommand(app, &action);

@@ -108,6 +108,8 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   api::SessionSummary summary;
   const auto finish = [&]() -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(summary, session->Finish());
+    // What the last frames proved is known only now.
+    if (!options.json) SayWhere(session->progress(), before, source->info().first_time_ns);
     return absl::OkStatus();
   };
   CAIRN_ASSIGN_OR_RETURN(const FeedReport feed, FeedSequence(ToFeedSettings(options, "mapping"), source.get(),

@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdlib>
 #include <filesystem>
+#include <utility>
 
 #include "absl/strings/ascii.h"
 #include "base/files.h"
+#include "client/remote/server_access.h"
 #include "host/map_host.h"
 
 namespace cairn::cli {
@@ -16,9 +17,9 @@ constexpr const char *kServer = "--server", *kTokenFile = "--token-file", *kTls 
                      *kCertificate = "--cert", *kKey = "--key", *kTokenInClear = "--token-in-clear";
 constexpr std::uint64_t kMaxTokenBytes = 4096;
 // The verbs that ask a server as they ask a file; the others are about files.
-constexpr std::array<absl::string_view, 14> kServedVerbs = {"ls",     "info",    "log",    "localize", "track",
-                                                            "run",    "align",   "verify", "snapshot", "export",
-                                                            "delete", "restore", "top",    "bench"};
+constexpr std::array<absl::string_view, 15> kServedVerbs = {"ls",     "info",   "log",     "localize", "track",
+                                                            "run",    "align",  "verify",  "snapshot", "export",
+                                                            "create", "delete", "restore", "top",      "bench"};
 
 std::string TextOf(const CLI::App& app, const char* name) {
   const CLI::Option* option = app.get_option(name);
@@ -26,12 +27,8 @@ std::string TextOf(const CLI::App& app, const char* name) {
 }
 
 absl::StatusOr<std::string> TokenOf(const ServerChoice& server) {
-  std::string token;
-  if (!server.token_file.empty()) {
-    CAIRN_ASSIGN_OR_RETURN(token, ReadWholeFile(server.token_file, kMaxTokenBytes));
-  } else if (const char* set = std::getenv("CAIRN_TOKEN")) {
-    token = set;
-  }
+  if (server.token_file.empty()) return std::string();
+  CAIRN_ASSIGN_OR_RETURN(const std::string token, ReadWholeFile(server.token_file, kMaxTokenBytes));
   return std::string(absl::StripAsciiWhitespace(token));
 }
 
@@ -45,8 +42,8 @@ void AddServerOption(CLI::App& app) {
   const auto add = [&](const char* name, const std::string& help) { return app.add_option(name, help)->group(kGroup); };
   const auto flag = [&](const char* name, const std::string& help) { return app.add_flag(name, help)->group(kGroup); };
   CLI::Option* const server = add(kServer,
-                                  "HOST:PORT of a cairnd: ls, info, log, localize, track, run, align, verify, "
-                                  "snapshot, export, delete, restore, top "
+                                  "HOST[:PORT] of a cairnd (7878): ls, info, log, localize, track, run, align, verify, "
+                                  "snapshot, export, create, delete, restore, top "
                                   "and bench server ask it, and MAP is a name there");
   add(kTokenFile, "File with the token that it asks for (cairnd token create); else CAIRN_TOKEN of the environment")
       ->needs(server);
@@ -65,17 +62,23 @@ ServerChoice ServerOf(const CLI::App& app) {
   server.tls.ca = TextOf(app, kCa);
   server.tls.certificate = TextOf(app, kCertificate);
   server.tls.key = TextOf(app, kKey);
-  server.tls.on = app.get_option(kTls)->count() > 0 || !server.tls.ca.empty() || !server.tls.certificate.empty();
+  server.tls.on = app.get_option(kTls)->count() > 0;
   server.token_in_clear = app.get_option(kTokenInClear)->count() > 0;
   return server;
 }
 
+void AddSendOption(CLI::App* verb, std::string* send) {
+  verb->add_option("--send", *send,
+                   "With --server: the image, or its features, which are extracted here: no pixels leave this machine")
+      ->check(CLI::IsMember({"image", "features"}))
+      ->default_str("image");
+}
+
 absl::StatusOr<client::RemoteOptions> RemoteOptionsOf(const ServerChoice& server) {
-  client::RemoteOptions options;
-  options.server = server.address;
-  CAIRN_ASSIGN_OR_RETURN(options.token, TokenOf(server));
-  CAIRN_ASSIGN_OR_RETURN(options.tls, client::LoadClientTls(server.tls));
-  options.token_in_clear = server.token_in_clear;
+  client::ServerAccess access{"", server.tls, server.token_in_clear};
+  CAIRN_ASSIGN_OR_RETURN(access.token, TokenOf(server));
+  CAIRN_ASSIGN_OR_RETURN(client::RemoteOptions options, client::RemoteOptionsFor(server.address, std::move(access)));
+  options.send_features = server.send_features;
   return options;
 }
 

@@ -16,6 +16,7 @@ struct ServerChoice {
   std::string token_file;  // empty: the environment's CAIRN_TOKEN, if it is set
   client::ClientTlsFiles tls;
   bool token_in_clear = false;
+  bool send_features = false;  // of images to be located, in place of their pixels
 
   bool empty() const { return address.empty(); }
 };
@@ -25,6 +26,9 @@ bool AsksServers(absl::string_view verb);
 
 void AddServerOption(CLI::App& app);
 ServerChoice ServerOf(const CLI::App& app);
+
+// "--send image|features" of a verb that locates images.
+void AddSendOption(CLI::App* verb, std::string* send);
 
 // Reads the files that it names.
 absl::StatusOr<client::RemoteOptions> RemoteOptionsOf(const ServerChoice& server);

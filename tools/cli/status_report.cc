@@ -123,9 +123,9 @@ nlohmann::ordered_json SessionAsJson(const api::ActiveSession& session) {
 std::vector<std::string> StatusLines(const std::string& server, const api::ServerStatus& now,
                                      const api::ServerStatus* before, double seconds) {
   std::vector<std::string> lines;
-  lines.push_back(absl::StrFormat("%s: cairnd %s, up %s, %.0f MB, %d waiting to be located", server, now.version,
+  lines.push_back(absl::StrFormat("%s: cairnd %s, up %s, %.0f MB, %d waiting, %d following", server, now.version,
                                   Duration(now.uptime_s), static_cast<double>(now.resident_bytes) / 1e6,
-                                  now.images_waiting));
+                                  now.images_waiting, now.followers));
   lines.push_back("");
   lines.push_back(absl::StrFormat(
       "%-9s %8s %9s %9s  %s", "work", "per s", "median", "p99",
@@ -170,6 +170,7 @@ nlohmann::ordered_json StatusAsJson(const std::string& server, const api::Server
           {"uptime_s", now.uptime_s},
           {"resident_bytes", now.resident_bytes},
           {"images_waiting", now.images_waiting},
+          {"followers", now.followers},
           {"seconds", seconds},
           {"work", work},
           {"refused", errors},

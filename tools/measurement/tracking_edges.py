@@ -132,16 +132,20 @@ class TrackingEdges:
                     'posed': min(r['posed'] for r in results), 'nees': statistics.mean(r['nees'] for r in results)}
         return self.once('leaving', all_seeds)
 
-    def large(self):
-        """The kitchen's map among copies of it that look otherwise: memory of `cairn track` as a whole."""
-        def one():
-            program = ROOT / 'build' / 'release' / 'bin' / 'repeat_map'
-            if not program.exists():
-                raise Skipped(f'{program} is not built')
-            small, large = self.kitchen_map(0), self.path('large.cairn')
+    def large_map(self):
+        """The kitchen's map among copies of it that look otherwise: about a thousand keyframes."""
+        program, small, large = ROOT / 'build' / 'release' / 'bin' / 'repeat_map', self.kitchen_map(0), self.path('large.cairn')
+        if not program.exists():
+            raise Skipped(f'{program} is not built')
+        if not large.exists():
             keyframes = cairn('info', small)['keyframes']
-            if not large.exists():
-                subprocess.run([program, small, str(-(-LARGE // keyframes) - 1), large], check=True)
+            subprocess.run([program, small, str(-(-LARGE // keyframes) - 1), large], check=True)
+        return large
+
+    def large(self):
+        """Memory of `cairn track` as a whole, in a large map and in a small one."""
+        def one():
+            large, small = self.large_map(), self.kitchen_map(0)
             answer, _ = self.track('large', DATA / 'redkitchen', large, REFERENCE, *KITCHEN, '--from', FROM_S)
             alone, _ = self.track('small', DATA / 'redkitchen', small, REFERENCE, *KITCHEN, '--from', FROM_S)
             return {'peak_mb': answer['peak_mb'], 'small_mb': alone['peak_mb'], 'posed': answer['with_pose_share'],

@@ -28,10 +28,23 @@
 
 CAIRN_BEGIN_NAMESPACE
 
+/// How the server of a map is asked (docs/server.md, "Security"); of no account for a file. What is left empty is taken
+/// from the environment of the process.
+struct ServerOptions {
+  std::string token;             ///< that the server asks for; CAIRN_TOKEN
+  std::string ca_file;           ///< PEM: the CA of its certificate; CAIRN_CA. It turns TLS on
+  std::string certificate_file;  ///< PEM: the certificate that it asks for; CAIRN_CERT
+  std::string key_file;          ///< PEM: its key; CAIRN_KEY
+  bool tls = false;              ///< TLS, with a certificate of a CA that this machine trusts; CAIRN_TLS=1
+  bool token_in_clear = false;   ///< send the token without TLS, also to other machines
+};
+
 /// How a map is opened; the defaults are meant for use.
 struct MapOptions {
   /// Features looked for in the image of a Localizer; 0: as many as the map's keyframes were made with.
   int num_features = 0;
+  /// Of a map "cairn://HOST:PORT/NAME".
+  ServerOptions server;
 };
 
 /// A camera that made part of the map.
@@ -66,9 +79,9 @@ class CAIRN_API Map {
   /// Loads the newest revision of the map file at `path`; it may lie on a read-only medium, and another process may be
   /// writing it. All that is needed is in the file. "cairn://HOST:PORT/NAME" is a map of a server (cairnd): a copy of
   /// it is kept, and follows what changes there; while the server is out of reach, what is known answers. Errors:
-  /// kNotFound, kInvalidArgument (no map, or options), kDataLoss, kUnimplemented (a newer version), kFailedPrecondition
-  /// (no vocabulary, a foreign log beside it), kPermissionDenied, kResourceExhausted, kUnavailable (no server),
-  /// kDeadlineExceeded, kCancelled.
+  /// kNotFound, kInvalidArgument (no map, or options), kUnauthenticated (the server asks for a token), kDataLoss,
+  /// kUnimplemented (a newer version), kFailedPrecondition (no vocabulary, a foreign log beside it), kPermissionDenied,
+  /// kResourceExhausted, kUnavailable (no server), kDeadlineExceeded, kCancelled.
   static absl::StatusOr<Map> Open(const std::string& path, const MapOptions& options = {},
                                   const CallOptions& call = {}) noexcept;
 

@@ -44,12 +44,16 @@ struct CommandLine {
   std::map<std::string, std::string> texts;
 };
 
+std::string OptionOf(const Setting& setting) {
+  return absl::StrCat("--", absl::StrReplaceAll(setting.key, {{"_", "-"}}));
+}
+
 void AddOptions(CLI::App& app, const std::vector<Setting>& settings, CommandLine* line) {
   app.add_option("--config", line->config,
                  "File of settings (cairnd.yaml); each is an option here, too, which counts more");
   app.add_flag("--check-config", line->check_config, "Say whether the settings are right, and end");
   for (const Setting& setting : settings) {
-    const std::string option = "--" + absl::StrReplaceAll(setting.key, {{"_", "-"}});
+    const std::string option = OptionOf(setting);
     const auto given = [line, key = setting.key](const std::string& text) { line->texts[key] = text; };
     if (setting.is_flag) {
       app.add_flag_callback(
@@ -72,7 +76,8 @@ absl::Status Apply(const CommandLine& line, const std::vector<Setting>& settings
   for (const Setting& setting : settings) {
     const auto text = line.texts.find(setting.key);
     if (text == line.texts.end()) continue;
-    CAIRN_RETURN_IF_ERROR(Annotate(setting.set(text->second), setting.key));
+    const absl::Status set = setting.set(text->second);
+    if (!set.ok()) return absl::InvalidArgumentError(absl::StrCat(OptionOf(setting), " ", set.message()));
   }
   return absl::OkStatus();
 }

@@ -1,5 +1,11 @@
 #include "token_command.h"
 
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
 #include <iostream>
 #include <memory>
 #include <utility>
@@ -20,7 +26,36 @@ namespace {
 using FileOf = std::function<absl::StatusOr<std::string>()>;
 
 struct CreateOptions {
-  std::string name, maps, rights = "read", expires;
+  std::string name, maps, rights = "read", expires, output;
+};
+
+// A new file that only its owner reads. One that is not written to in the end is removed.
+class SecretFile {
+ public:
+  ~SecretFile() {
+    if (fd_ < 0) return;
+    close(fd_);
+    unlink(path_.c_str());
+  }
+  absl::Status Create(const std::string& path) {
+    path_ = path;
+    fd_ = open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    if (fd_ >= 0) return absl::OkStatus();
+    return absl::FailedPreconditionError(absl::StrCat("--output ", path, ": ", std::strerror(errno)));
+  }
+  absl::Status Write(absl::string_view secret) {
+    const bool written = write(fd_, secret.data(), secret.size()) == static_cast<ssize_t>(secret.size());
+    if (!written || fsync(fd_) != 0) {
+      return absl::UnavailableError(
+          absl::StrCat("writing ", path_, ": ", std::strerror(errno), ": revoke the token and make it again"));
+    }
+    close(std::exchange(fd_, -1));
+    return absl::OkStatus();
+  }
+
+ private:
+  std::string path_;
+  int fd_ = -1;
 };
 
 std::string DayOf(std::int64_t unix_s) {
@@ -53,10 +88,18 @@ absl::Status Create(const FileOf& file, const CreateOptions& options) {
     CAIRN_ASSIGN_OR_RETURN(token.expires_unix_s, ExpiryOf(options.expires, now));
   }
   CAIRN_ASSIGN_OR_RETURN(const std::string path, file());
+  SecretFile output;
+  if (!options.output.empty()) CAIRN_RETURN_IF_ERROR(output.Create(options.output));
   CAIRN_ASSIGN_OR_RETURN(const std::string secret, CreateToken(path, token, absl::ToUnixSeconds(now)));
-  std::cout << secret << "\n";
+  const std::string where = options.output.empty() ? "Keep it now" : options.output;
   std::cerr << "token " << token.name << ": " << RightName(token.right) << " of " << absl::StrJoin(token.maps, ", ")
-            << ". Keep it now: " << path << " has a hash of it only\n";
+            << ". " << where << (options.output.empty() ? ": " : " has it, ") << path << " a hash of it only\n";
+  if (!options.output.empty()) return output.Write(secret + "\n");
+  struct stat standard = {};
+  if (fstat(STDOUT_FILENO, &standard) == 0 && S_ISREG(standard.st_mode) && (standard.st_mode & 0077) != 0) {
+    std::cerr << "others on this machine can read the file that it is written to: use --output FILE, or chmod 600\n";
+  }
+  std::cout << secret << "\n";
   return absl::OkStatus();
 }
 
@@ -91,6 +134,8 @@ void AddTokenCommand(CLI::App& app, std::function<absl::StatusOr<std::string>()>
   create->add_option("--rights", options->rights, "read, extend (read, and sessions that add), or admin (everything)")
       ->default_str("read");
   create->add_option("--expires", options->expires, "After so many days (90d), or on a day (2027-01-31, UTC)");
+  create->add_option("--output", options->output,
+                     "New file for the secret, which only its owner may read; else it is printed");
   create->callback([=] { *action = [=] { return Create(*file, *options); }; });
 
   CLI::App* const list = token->add_subcommand("list", "All of them");
