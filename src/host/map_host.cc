@@ -126,7 +126,6 @@ absl::StatusOr<std::shared_ptr<HostedMap>> MapHost::Use(const std::string& map) 
   if (slot->map == nullptr) {
     CAIRN_ASSIGN_OR_RETURN(slot->map, HostedMap::Open(*path, RefreshInterval(options_)));
     slot->bytes = 1;
-    slot->measured = 0;
     Measure(map, slot.get());
     MakeRoom(slot.get());
   }
@@ -153,12 +152,10 @@ void MapHost::Close(Slot* slot) {
 
 void MapHost::Measure(const std::string& map, Slot* slot) {
   if (slot->map == nullptr) return;
-  const std::shared_ptr<const tracking::MapView> known = slot->map->Known();
-  if (known == nullptr || known->revision() == slot->measured) return;
-  const absl::StatusOr<store::MapSummary> stored = summaries_.Read(FileOf(map));
-  if (!stored.ok()) return;  // whoever asks for the map is told
-  slot->bytes = std::max<std::int64_t>(1, std::llround(kMemoryPerStoredByte * static_cast<double>(stored->file_bytes)));
-  slot->measured = known->revision();
+  std::error_code error;
+  const auto stored = std::filesystem::file_size(FileOf(map), error);  // opening it would take much longer
+  if (error) return;  // it is not there yet, or not any more: whoever asks for the map is told
+  slot->bytes = std::max<std::int64_t>(1, std::llround(kMemoryPerStoredByte * static_cast<double>(stored)));
 }
 
 // With the lock of `keep`, which stays; slots that somebody else is using are left alone.
@@ -404,7 +401,6 @@ absl::StatusOr<std::shared_ptr<engine::LiveMap>> MapHost::CreateMap(const api::S
   std::shared_ptr<engine::LiveMap> live;
   slot->map = HostedMap::Over(path, std::move(created), RefreshInterval(options_), &live);
   slot->bytes = 1;
-  slot->measured = 0;
   return live;
 }
 

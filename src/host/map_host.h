@@ -108,7 +108,6 @@ class MapHost : public api::MapService {
     std::shared_ptr<HostedMap> map;       // null: not open
     std::atomic<Clock::duration> used{};  // since the clock's epoch
     std::atomic<std::int64_t> bytes{0};   // of the map in memory, roughly; 0: not open
-    Revision measured = 0;                // that `bytes` is of
   };
 
   explicit MapHost(const MapHostOptions& options);
