@@ -27,7 +27,7 @@ ALLOWED = {
     'client': ['api', 'direct', 'tracking', 'health', 'store', 'wire', 'cairn'],
     'host': ['engine', 'client', 'io'],
     'server': ['host', 'wire', 'io'],
-    'synth': ['io'],
+    'synth': ['health', 'io'],
     'eval': ['io'],
     'plot': ['io'],
     'text': ['base'],

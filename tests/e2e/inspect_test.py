@@ -53,6 +53,23 @@ class Inspection(unittest.TestCase):
         self.assertEqual(cairn('info', damaged).code, 0)
         self.assertEqual(cairn('info', damaged, '--digest').code, 3)
 
+    # synth map
+
+    def test_a_large_map_of_copies_is_a_good_map_in_which_the_place_is_found(self):
+        info, large = must('info', self.map), self.folder / 'large.cairn'
+        made = must('synth', 'map', '--like', self.map, '--keyframes', 5 * info['keyframes'] - 1, '--out', large)
+        self.assertEqual((made['keyframes'], made['points']), (5 * info['keyframes'], 5 * info['points']))
+        self.assertEqual(must('verify', large, '--deep')['findings'], [])
+        found = must('localize', self.office, '--map', large, '--independent', '--stride', 30)
+        alone = must('localize', self.office, '--map', self.map, '--independent', '--stride', 30)
+        self.assertEqual(found['localized'], alone['localized'])
+        # Twins are called so.
+        twins = self.folder / 'twins.cairn'
+        must('synth', 'map', '--like', self.map, '--keyframes', 2 * info['keyframes'], '--alike', '--flipped-bits', 0, '--out', twins)
+        self.assertEqual(cairn('localize', self.office, '--map', twins, '--independent', '--stride', 30).code, 4)
+        self.assertEqual(cairn('synth', 'map', '--like', self.map, '--out', large).code, 2)
+        self.assertEqual(cairn('synth', '--out', self.folder / 'x').code, 2)
+
     # ls
 
     def test_ls_tells_the_keyframes_of_a_map(self):

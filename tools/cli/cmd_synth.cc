@@ -3,6 +3,7 @@
 #include <cstdio>
 
 #include "cli/cli.h"
+#include "synth/map_copies.h"
 #include "synth/write.h"
 
 namespace cairn::cli {
@@ -79,15 +80,62 @@ absl::Status Synthesize(const SynthOptions& options) {
   return absl::OkStatus();
 }
 
+absl::Status CopyMap(const synth::MapCopiesOptions& options, const std::string& out, bool json) {
+  Progress progress("copying", options.keyframes, json);
+  CAIRN_ASSIGN_OR_RETURN(const synth::MapCopies copies, synth::CopyMap(options, out, [&](std::int64_t done) {
+                           progress.Update(done, absl::StrCat(done, " of ", options.keyframes, " keyframes"));
+                         }));
+  progress.Finish();
+  if (json) {
+    PrintJson(
+        {{"map", out}, {"keyframes", copies.keyframes}, {"points", copies.points}, {"components", copies.components}});
+  } else {
+    std::printf("%s: %lld keyframes, %lld points, %d components\n", out.c_str(),
+                static_cast<long long>(copies.keyframes), static_cast<long long>(copies.points), copies.components);
+  }
+  return absl::OkStatus();
+}
+
+void AddSynthMapCommand(CLI::App* synth, Action* action) {
+  CLI::App* verb = synth->add_subcommand("map", "Make a large map out of copies of a real one");
+  struct Options {
+    synth::MapCopiesOptions copies;
+    std::string out;
+    bool json = false;
+  };
+  auto options = std::make_shared<Options>();
+  verb->add_option("--like", options->copies.like, "The map whose components are copied")->required();
+  verb->add_option("--out", options->out, "Map file to write")->required();
+  verb->add_option("--keyframes", options->copies.keyframes, "At least so many")->capture_default_str();
+  verb->add_flag("--alike{false}", options->copies.other_places,
+                 "The copies look alike but for the flipped bits; if not given, like other places");
+  verb->add_option("--flipped-bits", options->copies.flipped_bits,
+                   "Share of each descriptor's bits that differ in all copies but the first")
+      ->capture_default_str();
+  verb->add_option("--seed", options->copies.seed, "Of what differs")->capture_default_str();
+  verb->add_flag("--overwrite", options->copies.overwrite, "Replace a map that exists");
+  verb->add_flag("--json", options->json, "Answer in JSON");
+  verb->footer(
+      "For tests and benchmarks of large maps. Each copy is a component of its own.\n"
+      "Example:\n"
+      "  cairn synth map --like office.cairn --keyframes 10000 --out large.cairn");
+  verb->callback([=] {
+    *action = [=] {
+      const absl::Status status = CopyMap(options->copies, options->out, options->json);
+      return status.ok() ? static_cast<int>(kOk) : Fail("synth map", status, options->json);
+    };
+  });
+}
+
 }  // namespace
 
 void AddSynthCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("synth", "Render a virtual recording with ground truth");
+  AddSynthMapCommand(verb, action);
   auto options = std::make_shared<SynthOptions>();
   verb->add_option("PRESET", options->preset, "The world: " + Join(synth::PresetNames()))
-      ->required()
       ->check(CLI::IsMember(synth::PresetNames()));
-  verb->add_option("--out", options->out, "Folder to write")->required();
+  verb->add_option("--out", options->out, "Folder to write");
   verb->add_option("--format", options->format, "Layout of the folder")
       ->check(CLI::IsMember({"euroc", "tum_mono"}))
       ->capture_default_str();
@@ -129,6 +177,9 @@ void AddSynthCommand(CLI::App& app, Action* action) {
       "  cairn synth office --session 3 --image-size 1280 800 --focal 1000 --gamma 1.8 --light 0.7 --out visit_3\n"
       "A processor renders about 7 images of 640x480 per second, and 2 of 1280x800.");
   verb->callback([=] {
+    if (!verb->get_subcommands().empty()) return;
+    if (options->preset.empty()) throw CLI::RequiredError("PRESET");
+    if (options->out.empty()) throw CLI::RequiredError("--out");
     *action = [=] {
       const absl::Status status = Synthesize(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("synth", status, options->json);

@@ -5,16 +5,17 @@ import shutil
 import statistics
 import subprocess
 import tempfile
+import time
 
 import numpy as np
 from PIL import Image
 
 from .tracking import FROM_S, KITCHEN, REFERENCE, errors, read_states
 from .trajectories import read_poses
-from .work import DATA, ROOT, Failed, Skipped, cairn, rendered, start
+from .work import DATA, Failed, Skipped, cairn, rendered, start
 
 MAPPED_S = 5.0
-LARGE = 1000  # keyframes
+LARGE, HUGE = 1000, 10000  # keyframes
 GROWING_S = 12.0  # of redkitchen, while the rest of it is added
 
 
@@ -134,12 +135,9 @@ class TrackingEdges:
 
     def large_map(self):
         """The kitchen's map among copies of it that look otherwise: about a thousand keyframes."""
-        program, small, large = ROOT / 'build' / 'release' / 'bin' / 'repeat_map', self.kitchen_map(0), self.path('large.cairn')
-        if not program.exists():
-            raise Skipped(f'{program} is not built')
+        large = self.path('large.cairn')
         if not large.exists():
-            keyframes = cairn('info', small)['keyframes']
-            subprocess.run([program, small, str(-(-LARGE // keyframes) - 1), large], check=True)
+            cairn('synth', 'map', '--like', self.kitchen_map(0), '--keyframes', LARGE, '--out', large)
         return large
 
     def large(self):
@@ -151,6 +149,21 @@ class TrackingEdges:
             return {'peak_mb': answer['peak_mb'], 'small_mb': alone['peak_mb'], 'posed': answer['with_pose_share'],
                     'keyframes': cairn('info', large)['keyframes'], 'same': float(answer['same'])}
         return self.once('large map', one)
+
+    def huge(self):
+        """One photo in a map of so many keyframes, by a process that does nothing else."""
+        def one():
+            small, huge = self.kitchen_map(0), self.path('huge.cairn')
+            if not huge.exists():
+                cairn('synth', 'map', '--like', small, '--keyframes', HUGE, '--out', huge)
+            photo = min((DATA / 'redkitchen' / 'rgb').iterdir(), key=lambda path: abs(float(path.stem) - 25))
+            times, answer = [], None
+            for _ in range(3):
+                start_s = time.monotonic()
+                answer = cairn('localize', photo, *KITCHEN, '--map', huge, expect=(0, 4))
+                times.append(time.monotonic() - start_s)
+            return {'open_s': min(times), 'peak_mb': answer['peak_mb'], 'located': float(answer['exit'] == 0)}
+        return self.once('huge map', one)
 
     def growing(self):
         """As a live camera, while a session adds the rest of the sequence in another process, live as well."""
