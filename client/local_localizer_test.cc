@@ -3,6 +3,8 @@
 #include <thread>
 
 #include "client/conformance/localizer_conformance.h"
+#include "client/map_reader.h"
+#include "store/sqlite.h"
 #include "store/sqlite_map_store.h"
 
 namespace cairn::conformance {
@@ -45,6 +47,63 @@ TEST_F(LocalLocalizer, RefreshFollowsAWriter) {
   ASSERT_TRUE(after.ok());
   EXPECT_TRUE(after->localized) << after->reason;
   EXPECT_EQ(after->revision, 1u);
+}
+
+// With room for the features of one keyframe every look reads them anew; the answer is the same to the bit.
+TEST_F(LocalLocalizer, AnswersTheSameWithLittleMemory) {
+  std::remove(path_.c_str());
+  ASSERT_TRUE(WriteConformanceMap(path_).ok());
+  const ConformanceMap& map = TheConformanceMap();
+  const api::LocalizeQuery query{map.room.Render(map.pinhole, LookInRoom({0.2, 0.0, -1.4}, 0.05)),
+                                 Camera::FromPinhole(map.pinhole), 0};
+  const auto usual = client::LocalLocalizer::Open(path_);
+  ASSERT_TRUE(usual.ok()) << usual.status();
+  auto reader = client::MapReader::Open(path_, {.feature_budget_bytes = 1});
+  ASSERT_TRUE(reader.ok()) << reader.status();
+  const auto view = (*reader)->view();
+  const auto small = client::LocalLocalizer::Open(*std::move(reader), {});
+  ASSERT_TRUE(small.ok()) << small.status();
+  for (int i = 0; i < 2; ++i) {
+    const auto expected = (*usual)->Localize(query), answer = (*small)->Localize(query);
+    ASSERT_TRUE(expected.ok() && answer.ok()) << answer.status();
+    EXPECT_TRUE(answer->localized) << answer->reason;
+    EXPECT_EQ(answer->world_from_camera.Matrix(), expected->world_from_camera.Matrix());
+    EXPECT_EQ(answer->covariance, expected->covariance);
+    EXPECT_EQ(answer->counts.inliers, expected->counts.inliers);
+  }
+  const map::FeatureCache& cache = *view->map().feature_cache();
+  EXPECT_EQ(cache.pinned(), 0u) << "somebody looked without holding what he looked at";
+  EXPECT_GT(cache.bytes(), 0u);
+  EXPECT_LT(cache.bytes(), 500'000u);
+}
+
+// What is damaged after the map was opened, or where the disk fails, is no answer but an error; a map that is good
+// again answers again.
+TEST_F(LocalLocalizer, FeaturesThatCannotBeReadAreAnError) {
+  std::remove(path_.c_str());
+  ASSERT_TRUE(WriteConformanceMap(path_).ok());
+  const ConformanceMap& map = TheConformanceMap();
+  const api::LocalizeQuery query{map.room.Render(map.pinhole, LookInRoom({0.2, 0.0, -1.4}, 0.05)),
+                                 Camera::FromPinhole(map.pinhole), 0};
+  const auto localizer = client::LocalLocalizer::Open(path_);
+  ASSERT_TRUE(localizer.ok()) << localizer.status();
+  const auto alter = [&](const std::string& sql) {
+    const auto database = store::Database::OpenFile(path_, store::Database::Mode::kReadWrite);
+    ASSERT_TRUE(database.ok());
+    ASSERT_TRUE((*database)->Execute(sql).ok());
+    ASSERT_TRUE((*database)->Execute("PRAGMA wal_checkpoint(TRUNCATE)").ok());  // nobody's log is left
+  };
+  alter("UPDATE keyframe_features SET descriptors_checksum = descriptors_checksum + 1");
+  const auto answer = (*localizer)->Localize(query);
+  EXPECT_EQ(store::FaultOf(answer.status()), store::Fault::kDamaged);
+  EXPECT_THAT(answer.status().message(), testing::HasSubstr("descriptors: wrong checksum"));
+  const absl::Status refreshed = (*localizer)->Refresh().status();
+  EXPECT_EQ(store::FaultOf(refreshed), store::Fault::kDamaged) << refreshed;
+  alter("UPDATE keyframe_features SET descriptors_checksum = descriptors_checksum - 1");
+  ASSERT_TRUE((*localizer)->Refresh().ok());
+  const auto again = (*localizer)->Localize(query);
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_TRUE(again->localized);
 }
 
 TEST_F(LocalLocalizer, SeveralThreadsGetTheSameAnswer) {

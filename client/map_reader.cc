@@ -3,6 +3,7 @@
 #include <mutex>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "health/map_vocabulary.h"
 #include "place/vocabulary.h"
@@ -12,8 +13,9 @@ namespace cairn::client {
 // What readers share. Thread-safe.
 class MapReader::File {
  public:
-  static absl::StatusOr<std::shared_ptr<File>> Open(const std::string& path) {
+  static absl::StatusOr<std::shared_ptr<File>> Open(const std::string& path, const MapReaderOptions& options) {
     auto opened = std::make_shared<File>();
+    opened->options_ = options;
     CAIRN_ASSIGN_OR_RETURN(opened->file_, store::OpenMapStore(path, store::OpenMode::kRead));
     CAIRN_ASSIGN_OR_RETURN(health::MapVocabulary vocabulary, health::LoadVocabulary(*opened->file_));
     if (vocabulary.words == nullptr) {
@@ -33,7 +35,7 @@ class MapReader::File {
     CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, opened->file_->ReadSummary());
     if (known->places() == nullptr || summary.info.id != known->map().info().id ||
         summary.revision < known->revision()) {
-      return Open(path);
+      return Open(path, {});
     }
     // It is the view's, and lives as long.
     opened->vocabulary_ = std::shared_ptr<const place::Vocabulary>(known, &known->places()->vocabulary());
@@ -49,6 +51,11 @@ class MapReader::File {
   absl::StatusOr<std::shared_ptr<const tracking::MapView>> Newest() {
     const std::lock_guard lock(mutex_);
     CAIRN_ASSIGN_OR_RETURN(const Revision newest, file_->ReadRevision());
+    const auto& features = view_->map().feature_cache();  // null: the view came from who wrote the map
+    if (features != nullptr && !features->status().ok()) {
+      CAIRN_RETURN_IF_ERROR(Load());
+      return view_;
+    }
     if (newest == view_->revision()) return view_;
     CAIRN_ASSIGN_OR_RETURN(const std::optional<map::Delta> delta, file_->ReadDelta(view_->map()));
     if (!delta) {
@@ -73,21 +80,36 @@ class MapReader::File {
 
  private:
   absl::Status Load() {
-    CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot());
-    auto view = tracking::MapView::Create(std::move(snapshot), vocabulary_);
+    CAIRN_ASSIGN_OR_RETURN(auto places, tracking::PlaceIndex::Builder::Create(vocabulary_));
+    bool all_have_words = true;
+    store::LoadOptions load;
+    load.feature_budget_bytes = options_.feature_budget_bytes;
+    load.words = [&](KeyframeId keyframe, const std::vector<std::uint32_t>& words) {
+      all_have_words = all_have_words && !words.empty();
+      return places.Add(keyframe, words);
+    };
+    CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot(load));
+    auto view = all_have_words ? ViewOf(snapshot, std::move(places)) : tracking::MapView::Create(snapshot, vocabulary_);
     CAIRN_RETURN_IF_ERROR(Annotate(view.status(), file_->uri()));
     view_ = *std::move(view);
     return absl::OkStatus();
   }
 
+  static absl::StatusOr<std::shared_ptr<const tracking::MapView>> ViewOf(std::shared_ptr<const map::Snapshot> snapshot,
+                                                                         tracking::PlaceIndex::Builder places) {
+    CAIRN_ASSIGN_OR_RETURN(tracking::PlaceIndex index, std::move(places).Finish(*snapshot));
+    return tracking::MapView::Create(std::move(snapshot), std::move(index));
+  }
+
+  MapReaderOptions options_;
   mutable std::mutex mutex_;
   std::unique_ptr<store::MapStore> file_;
   std::shared_ptr<const place::Vocabulary> vocabulary_;
   std::shared_ptr<const tracking::MapView> view_;  // the newest that was read
 };
 
-absl::StatusOr<std::unique_ptr<MapReader>> MapReader::Open(const std::string& path) {
-  CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<File> file, File::Open(path));
+absl::StatusOr<std::unique_ptr<MapReader>> MapReader::Open(const std::string& path, const MapReaderOptions& options) {
+  CAIRN_ASSIGN_OR_RETURN(std::shared_ptr<File> file, File::Open(path, options));
   std::shared_ptr<const tracking::MapView> view = file->view();
   return std::unique_ptr<MapReader>(new MapReader(std::move(file), std::move(view)));
 }

@@ -3,6 +3,7 @@
 // own, read every change once and hold every revision once.
 #pragma once
 
+#include <cstddef>
 #include <memory>
 #include <string>
 
@@ -13,11 +14,16 @@
 
 namespace cairn::client {
 
+struct MapReaderOptions {
+  // Of features, that come from the file when a query needs them and are then kept (map/feature_cache.h).
+  std::size_t feature_budget_bytes = 64'000'000;
+};
+
 class MapReader : public ViewSource {
  public:
   // Loads the newest revision. Errors of the store (damaged, newer version, not a map, ...) come as they are;
   // FailedPrecondition if the map has no vocabulary.
-  static absl::StatusOr<std::unique_ptr<MapReader>> Open(const std::string& path);
+  static absl::StatusOr<std::unique_ptr<MapReader>> Open(const std::string& path, const MapReaderOptions& options = {});
 
   // The same from a revision on that is in memory: only what has changed since is read. If the file holds another map,
   // or has forgotten what followed, all of it.
@@ -29,7 +35,8 @@ class MapReader : public ViewSource {
   const std::shared_ptr<const tracking::MapView>& view() const override { return view_; }
 
   // Goes on to a newer revision if a writer has made one; true if so. Reads what has changed, as long as that is known
-  // (store::kMaxDeltaRevisions), and else all. After an error the view is what it was.
+  // (store::kMaxDeltaRevisions), and else all. After an error the view is what it was; after one of a look at features
+  // (map::FeatureCache::status) the map is loaded anew.
   absl::StatusOr<bool> Refresh() override;
 
   absl::StatusOr<store::MapSummary> ReadSummary();

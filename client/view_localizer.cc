@@ -163,6 +163,7 @@ absl::StatusOr<api::LocalizeAnswer> ViewLocalizer::Locate(const tracking::MapVie
 
   CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found, query.features ? FindFeatures(view, query, area, &answer)
                                                                               : FindImage(view, query, area, &answer));
+  if (map.feature_cache() != nullptr) CAIRN_RETURN_IF_ERROR(map.feature_cache()->status());
   answer.localized = found.localized;
   answer.stage = ToApi(found.stage);
   answer.reason = found.reason;

@@ -41,7 +41,9 @@ class FakeStore : public store::MapStore {
   bool writable() const override { return true; }
   bool exists() const override { return exists_; }
   const std::vector<std::string>& notes() const override { return notes_; }
-  absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot() override { return None(); }
+  absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot(const store::LoadOptions&) override {
+    return None();
+  }
   absl::Status PutVocabulary(absl::string_view) override { return None(); }
   absl::StatusOr<std::string> LoadVocabulary() override { return None(); }
   absl::StatusOr<Revision> ReadRevision() override { return None(); }

@@ -147,9 +147,10 @@ absl::StatusOr<Coverage> MeasureCoverage(const tracking::MapView& view, const Co
     const auto delta = Without(view.snapshot(), keyframe, options.same_view_share, &test.left_out);
     if (!delta) continue;
     CAIRN_ASSIGN_OR_RETURN(const auto rest, view.After(*delta));
-    CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
-                           relocalizer.Relocalize(rest->map(), *rest->places(), map.pinhole(keyframe.camera),
-                                                  keyframe.features->features));
+    const auto features = keyframe.features.Get();
+    CAIRN_ASSIGN_OR_RETURN(
+        const tracking::Relocalization found,
+        relocalizer.Relocalize(rest->map(), *rest->places(), map.pinhole(keyframe.camera), features->features));
     test.result = Judge(rest->map(), keyframe, found, depth, options);
     test.stage = found.stage;
     test.inliers = found.counts.inliers;

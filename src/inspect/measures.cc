@@ -22,7 +22,7 @@ std::optional<MeasuredObservation> Measure(const map::Snapshot& map, const map::
   if (!id) return std::nullopt;
   const Vector3d point_c = keyframe.camera_from_map * map.point(id).position;
   if (!(point_c.z() > 0.0)) return std::nullopt;
-  const image::Keypoint& keypoint = keyframe.keypoints()[feature];
+  const image::Keypoint keypoint = keyframe.features.Get()->features.keypoints[feature];
   MeasuredObservation measured;
   measured.feature = feature;
   measured.point = id;

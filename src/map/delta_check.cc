@@ -93,7 +93,7 @@ absl::Status CheckFeatures(const Keyframe& keyframe, const image::OrbParameters&
 }
 
 absl::Status CheckValues(const Snapshot& before, const Delta& delta, const Keyframe& keyframe) {
-  if (!keyframe.features || keyframe.points.size() != keyframe.features->features.size()) {
+  if (!keyframe.features || keyframe.points.size() != keyframe.features.size()) {
     return Rejected(Name(keyframe.id) + " does not have one point entry per feature");
   }
   if (!IsGood(keyframe.camera_from_map) || !IsGood(keyframe.camera_from_direct)) {
@@ -101,6 +101,8 @@ absl::Status CheckValues(const Snapshot& before, const Delta& delta, const Keyfr
   }
   const image::OrbParameters& orb = (delta.info ? *delta.info : before.info()).orb;
   const Keyframe* known = before.keyframes().Find(keyframe.id);
+  // What comes when it is needed is checked when it is read.
+  if (!keyframe.features.in_memory()) return absl::OkStatus();
   if (known == nullptr) return CheckFeatures(keyframe, orb);
   if (known->features == keyframe.features) return absl::OkStatus();
   const bool moved = std::binary_search(delta.moved_keypoints.begin(), delta.moved_keypoints.end(), keyframe.id);
@@ -201,7 +203,7 @@ absl::Status CheckLinks(const Snapshot& map, const Keyframe& keyframe) {
     return Broken(absl::StrCat(Name(keyframe.id), " is in ", Name(keyframe.component), ", which has been joined to ",
                                Name(component->second.joined->into)));
   }
-  if (!keyframe.features || keyframe.points.size() != keyframe.features->features.size()) {
+  if (!keyframe.features || keyframe.points.size() != keyframe.features.size()) {
     return Broken(Name(keyframe.id) + " does not have one point entry per feature");
   }
   const auto elsewhere = [&](const Keyframe& other) {

@@ -103,7 +103,7 @@ KeyframeId Edit::AddKeyframe(Keyframe keyframe) {
       keyframe.component = AddComponent({.id = {}, .session = keyframe.session});
     }
   }
-  keyframe.points.assign(keyframe.features->features.size(), PointId());
+  keyframe.points.assign(keyframe.features.size(), PointId());
   keyframe.parent = KeyframeId();
   keyframe.children.clear();
   keyframe.covisible.clear();

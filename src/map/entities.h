@@ -18,6 +18,7 @@
 #include "geometry/pinhole.h"
 #include "geometry/se3.h"
 #include "image/feature.h"
+#include "map/feature_cache.h"
 
 namespace cairn::map {
 
@@ -119,13 +120,6 @@ struct Session {
   bool operator==(const Session&) const = default;
 };
 
-// The unchanging part of a keyframe, shared by all its versions.
-struct KeyframeFeatures {
-  image::Features features;
-  std::vector<std::uint32_t> words;  // vocabulary word of each feature; empty if the map has no vocabulary
-  bool operator==(const KeyframeFeatures&) const = default;
-};
-
 struct CovisibilityEdge {
   KeyframeId keyframe;
   int shared_points = 0;
@@ -142,13 +136,14 @@ struct Keyframe {
   SE3 camera_from_map;              // refined by the feature module
   SE3 camera_from_direct;           // as the direct module left it, in the odometry's own world
   std::int64_t direct_segment = 0;  // which start of the odometry that world belongs to; -1: poses were given
-  std::shared_ptr<const KeyframeFeatures> features;
+  FeatureHandle features;
   std::vector<PointId> points;              // per feature: the point it observes, or none
   KeyframeId parent;                        // in the spanning tree; none at its root
   std::vector<KeyframeId> children;         // ascending; the inverse of `parent`
   std::vector<CovisibilityEdge> covisible;  // most shared points first, then by id; symmetric
 
   Vector3d CenterInMap() const { return camera_from_map.Inverse().translation(); }
+  // As *features: of a map that was loaded with them.
   const std::vector<image::Keypoint>& keypoints() const { return features->features.keypoints; }
   const std::vector<image::Descriptor>& descriptors() const { return features->features.descriptors; }
 };

@@ -56,11 +56,11 @@ class After {
       reference = keyframe;
     }
     if (reference == nullptr) return Bad(*point, "the reference keyframe does not observe the point");
-    point->descriptor = reference->descriptors()[point->reference.feature];
-    SetViewing(
-        ComputeViewing(point->position, seen_from_, CenterOf(reference->id),
-                       reference->keypoints()[point->reference.feature].octave, FocalOf(reference->camera), orb_),
-        point);
+    const image::Features& features = look_.Of(reference->features).features;
+    point->descriptor = features.descriptors[point->reference.feature];
+    SetViewing(ComputeViewing(point->position, seen_from_, CenterOf(reference->id),
+                              features.keypoints[point->reference.feature].octave, FocalOf(reference->camera), orb_),
+               point);
     return absl::OkStatus();
   }
 
@@ -96,6 +96,7 @@ class After {
   std::unordered_map<KeyframeId, const Keyframe*> changed_;
   std::unordered_map<PointId, std::vector<Observation>> observations_;
   std::unordered_map<KeyframeId, Vector3d> centers_;
+  FeatureLook look_;
   std::vector<Vector3d> seen_from_;
 };
 

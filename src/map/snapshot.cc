@@ -89,6 +89,12 @@ absl::StatusOr<std::shared_ptr<const Snapshot>> Snapshot::Apply(const Delta& del
   return next;
 }
 
+std::shared_ptr<const Snapshot> Snapshot::With(std::shared_ptr<FeatureCache> cache) const {
+  auto same = std::make_shared<Snapshot>(*this);
+  same->feature_cache_ = std::move(cache);
+  return same;
+}
+
 std::int64_t Snapshot::NumKeyframes(ComponentId id) const {
   const auto found = num_keyframes_->find(id);
   return found == num_keyframes_->end() ? 0 : found->second;

@@ -57,6 +57,11 @@ class Snapshot {
   // The similarity to the world of a component, if it is aligned.
   const std::optional<Sim3>& WorldFrom(ComponentId id) const { return component(id).world_from_component; }
 
+  // The same revision, whose keyframes' features come from `cache`.
+  std::shared_ptr<const Snapshot> With(std::shared_ptr<FeatureCache> cache) const;
+  // Null: all features are in memory. Who answers questions about the map says so if its status is not OK.
+  const std::shared_ptr<FeatureCache>& feature_cache() const { return feature_cache_; }
+
   // Every reference resolves both ways: observations, parents and children, covisibility. O(map); for tests, `verify`
   // and after loading.
   absl::Status CheckConsistency() const;
@@ -70,6 +75,7 @@ class Snapshot {
   std::shared_ptr<const std::map<ComponentId, std::int64_t>> num_keyframes_;  // of those that have any
   Table<KeyframeId, Keyframe> keyframes_;
   Table<PointId, MapPoint> points_;
+  std::shared_ptr<FeatureCache> feature_cache_;
   KeyframeId next_keyframe_{1};
   PointId next_point_{1};
   CameraId next_camera_{1};

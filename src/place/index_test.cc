@@ -105,6 +105,33 @@ TEST(InvertedIndex, IsAskedWhileItGrows) {
   EXPECT_EQ(wrong, 0);
 }
 
+// All at once, one by one, and mixed.
+TEST(InvertedIndex, AddsManyAsOneByOne) {
+  Random random(5);
+  std::vector<InvertedIndex::Entry> entries;
+  for (std::uint32_t id = 0; id < 70; ++id) entries.push_back({1000 - id, RandomWords(200, &random)});
+  entries[7].words.clear();
+  InvertedIndex single(200), many(200);
+  for (const InvertedIndex::Entry& entry : entries) ASSERT_TRUE(single.Add(entry.id, entry.words).ok());
+  const std::span<const InvertedIndex::Entry> all = entries;
+  EXPECT_EQ(many.AddAll(all.first(40)).value(), 0u);
+  EXPECT_EQ(many.Add(all[40].id, all[40].words).value(), 40u);
+  EXPECT_EQ(many.AddAll(all.subspan(41, 9)).value(), 41u);
+  for (const InvertedIndex::Entry& entry : all.subspan(50, 5)) ASSERT_TRUE(many.Add(entry.id, entry.words).ok());
+  EXPECT_EQ(many.AddAll(all.subspan(55)).value(), 55u);
+  EXPECT_EQ(many.AddAll({}).value(), 70u);
+  ASSERT_EQ(many.num_entries(), 70u);
+  for (int i = 0; i < 20; ++i) {
+    const BowVector query = RandomWords(200, &random);
+    EXPECT_EQ(many.Query(query, Everything()), single.Query(query, Everything()));
+    EXPECT_EQ(many.Query(query), single.Query(query));
+  }
+  // One bad entry, and none of them comes in.
+  const std::vector<InvertedIndex::Entry> bad = {{1, {{3, 1.0f}}}, {2, {{200, 1.0f}}}};
+  EXPECT_EQ(many.AddAll(bad).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(many.num_entries(), 70u);
+}
+
 TEST(InvertedIndex, TiesGoToTheSmallerId) {
   InvertedIndex index(4);
   for (const std::uint32_t id : {9u, 3u, 6u}) ASSERT_TRUE(index.Add(id, {{1, 0.5f}, {2, 0.5f}}).ok());

@@ -143,6 +143,19 @@ WordId Vocabulary::Lookup(const image::Descriptor& descriptor, int level, NodeId
   return word_of_node_[node];
 }
 
+std::vector<NodeId> Vocabulary::NodesOfWords(int level) const {
+  std::vector<NodeId> at_level(num_nodes(), 0), nodes(num_words(), 0);
+  std::vector<int> depth(num_nodes(), 0);
+  for (NodeId node = 0; node < num_nodes(); ++node) {  // breadth first: parents come before their children
+    if (child_count_[node] == 0) nodes[word_of_node_[node]] = at_level[node];
+    for (NodeId child = first_child_[node]; child < first_child_[node] + child_count_[node]; ++child) {
+      depth[child] = depth[node] + 1;
+      at_level[child] = depth[child] <= level ? child : at_level[node];
+    }
+  }
+  return nodes;
+}
+
 std::vector<WordId> Vocabulary::LookupAll(std::span<const image::Descriptor> descriptors, int level,
                                           std::vector<NodeId>* nodes_at_level) const {
   constexpr std::size_t kBlock = 32, kLine = 64 / sizeof(image::Descriptor);

@@ -92,6 +92,9 @@ class Vocabulary {
   std::vector<WordId> LookupAll(std::span<const image::Descriptor> descriptors, int level = 0,
                                 std::vector<NodeId>* nodes_at_level = nullptr) const;
 
+  // For each word its ancestor at `level`, as of Lookup().
+  std::vector<NodeId> NodesOfWords(int level) const;
+
   // tf-idf weights, L1-normalised, and the direct index at `direct_level` (0: the root, one node for all).
   BagOfWords Transform(std::span<const image::Descriptor> descriptors, int direct_level = kDefaultDirectLevel) const;
   BagOfWords Transform(const image::Features& features, int direct_level = kDefaultDirectLevel) const {

@@ -189,6 +189,10 @@ absl::StatusOr<std::vector<PointId>> UnpackPointIds(std::size_t count, Bytes byt
   return ids;
 }
 
+std::size_t NumPackedPointIds(Bytes bytes) {
+  return static_cast<std::size_t>(std::ranges::count_if(bytes, [](std::uint8_t byte) { return (byte & 0x80) == 0; }));
+}
+
 std::string PackIdRuns(const std::vector<std::uint32_t>& ids) {
   std::string out;
   std::uint32_t end = 0;

@@ -46,6 +46,8 @@ absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pin
 // Per feature one varint: 0 for none, else 1 + zigzag(id - id of the last feature that had one).
 std::string PackPointIds(const std::vector<PointId>& ids);
 absl::StatusOr<std::vector<PointId>> UnpackPointIds(std::size_t count, Bytes bytes);
+// For how many features there are entries.
+std::size_t NumPackedPointIds(Bytes bytes);
 
 // Ids in ascending order as runs: per run two varints, how far it begins behind the end of the last one (behind 0 for
 // the first), and how many ids it has.

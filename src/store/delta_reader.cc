@@ -195,7 +195,13 @@ absl::Status DeltaReader::ReadFeatures(map::Keyframe* keyframe, const map::Keyfr
                       map_row_.info.orb.num_levels, num_words_);
   select_features_.Reset();
   if (!features.ok()) return Damaged(kFeaturesTable, id, features.status().message());
-  keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
+  auto loaded = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
+  const auto& cache = base_.feature_cache();
+  if (cache != nullptr) {
+    keyframe->features = cache->OnDemand(keyframe->id, std::move(loaded));
+  } else {
+    keyframe->features = std::move(loaded);
+  }
   if (before != nullptr) delta_.moved_keypoints.push_back(keyframe->id);
   return absl::OkStatus();
 }
@@ -210,7 +216,7 @@ absl::Status DeltaReader::ReadPointIds(map::Keyframe* keyframe, const map::Keyfr
     keyframe->points = before->points;
     return absl::OkStatus();
   }
-  auto ids = PointIdsFromRow(select_point_ids_, keyframe->features->features.size());
+  auto ids = PointIdsFromRow(select_point_ids_, keyframe->features.size());
   select_point_ids_.Reset();
   if (!ids.ok()) return Damaged(kKeyframePointsTable, id, ids.status().message());
   keyframe->points = *std::move(ids);

@@ -23,6 +23,30 @@ void SortCovisible(map::Keyframe* keyframe) {
   });
 }
 
+PointIndex::PointIndex(const std::vector<PointRow>& points) {
+  std::uint32_t last = 0;
+  for (const PointRow& point : points) last = std::max(last, point.id.value());
+  constexpr std::size_t kMostPerPoint = 8, kAlwaysDense = 1 << 16;
+  if (last <= kMostPerPoint * points.size() + kAlwaysDense) {
+    dense_.resize(last + std::size_t{1});
+    for (std::size_t i = 0; i < points.size(); ++i) dense_[points[i].id.value()] = static_cast<std::uint32_t>(i + 1);
+  } else {
+    for (std::size_t i = 0; i < points.size(); ++i) sparse_.emplace(points[i].id, i);
+  }
+}
+
+std::size_t PointIndex::Find(PointId id) const {
+  if (!dense_.empty()) {
+    return id.value() < dense_.size() && dense_[id.value()] > 0 ? dense_[id.value()] - 1 : kNone;
+  }
+  const auto found = sparse_.find(id);
+  return found == sparse_.end() ? kNone : found->second;
+}
+
+PointAnchor AnchorOf(const map::Keyframe& reference, std::uint32_t feature) {
+  return {reference.descriptors()[feature], reference.keypoints()[feature].octave};
+}
+
 namespace {
 
 class Assembly {
@@ -80,8 +104,14 @@ absl::Status Assembly::CheckTree() {
 }
 
 absl::Status Assembly::LinkPoints() {
-  std::unordered_map<PointId, std::shared_ptr<map::MapPoint>> points;
-  points.reserve(rows_.points.size());
+  const PointIndex index(rows_.points);
+  std::vector<std::uint32_t> num_observations(rows_.points.size());
+  for (const auto& keyframe : rows_.keyframes) {
+    for (const PointId id : keyframe->points) {
+      const std::size_t row = id ? index.Find(id) : PointIndex::kNone;
+      if (row != PointIndex::kNone) ++num_observations[row];
+    }
+  }
   std::vector<std::shared_ptr<map::MapPoint>> in_order;
   in_order.reserve(rows_.points.size());
   for (const PointRow& row : rows_.points) {
@@ -90,7 +120,7 @@ absl::Status Assembly::LinkPoints() {
     point->position = row.position;
     point->times_visible = row.times_visible;
     point->times_found = row.times_found;
-    points.emplace(row.id, point);
+    point->observations.reserve(num_observations[in_order.size()]);
     in_order.push_back(std::move(point));
   }
   std::unordered_map<KeyframeId, Vector3d> center_of;
@@ -98,12 +128,12 @@ absl::Status Assembly::LinkPoints() {
     center_of.emplace(keyframe->id, keyframe->CenterInMap());
     for (std::uint32_t i = 0; i < keyframe->points.size(); ++i) {
       if (!keyframe->points[i]) continue;
-      const auto found = points.find(keyframe->points[i]);
-      if (found == points.end()) {
+      const std::size_t row = index.Find(keyframe->points[i]);
+      if (row == PointIndex::kNone) {
         return Report("keyframe_points", keyframe->id.value(),
                       absl::StrCat("point ", keyframe->points[i].value(), " is missing"));
       }
-      auto& observations = found->second->observations;
+      auto& observations = in_order[row]->observations;
       if (!observations.empty() && observations.back().keyframe == keyframe->id) {
         return Report("keyframe_points", keyframe->id.value(),
                       absl::StrCat("point ", keyframe->points[i].value(), " is there twice"));
@@ -126,9 +156,9 @@ absl::Status Assembly::LinkPoints() {
     }
     if (!has_reference) return Report("points", point.id.value(), "the reference keyframe does not observe the point");
     const map::Keyframe& reference = *rows_.FindKeyframe(point.reference.keyframe.value());
-    point.descriptor = reference.descriptors()[point.reference.feature];
-    map::SetViewing(map::ComputeViewing(point.position, centers, center_of.at(reference.id),
-                                        reference.keypoints()[point.reference.feature].octave,
+    const PointAnchor anchor = rows_.anchors.empty() ? AnchorOf(reference, point.reference.feature) : rows_.anchors[i];
+    point.descriptor = anchor.descriptor;
+    map::SetViewing(map::ComputeViewing(point.position, centers, center_of.at(reference.id), anchor.octave,
                                         focal_px.at(reference.camera), rows_.map_row.info.orb),
                     &point);
   }

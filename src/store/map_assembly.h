@@ -2,8 +2,11 @@
 // is added, and every reference is checked.
 #pragma once
 
+#include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
+#include <unordered_map>
 #include <vector>
 
 #include "base/status.h"
@@ -16,6 +19,25 @@ namespace cairn::store {
 // Told of everything wrong. An error that it returns ends the reading; with OK the row at fault is left out.
 using FindingSink = std::function<absl::Status(const Finding&)>;
 
+// Rows of points by id.
+class PointIndex {
+ public:
+  static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+
+  explicit PointIndex(const std::vector<PointRow>& points);
+  std::size_t Find(PointId id) const;  // kNone: there is none
+
+ private:
+  std::vector<std::uint32_t> dense_;                 // by id, row + 1; empty if the ids are scattered
+  std::unordered_map<PointId, std::size_t> sparse_;  // then these
+};
+
+// What a point takes from the features of its reference keyframe.
+struct PointAnchor {
+  image::Descriptor descriptor{};
+  std::uint8_t octave = 0;
+};
+
 // All tables of a map file but the vocabulary and the log of changes.
 struct MapRows {
   std::int64_t format = 0;
@@ -23,7 +45,8 @@ struct MapRows {
   map::Delta content;  // cameras, sessions and components, ascending
   // Ascending, with features and the points they observe; without neighbours and children.
   std::vector<std::shared_ptr<map::Keyframe>> keyframes;
-  std::vector<PointRow> points;  // ascending
+  std::vector<PointRow> points;      // ascending
+  std::vector<PointAnchor> anchors;  // per point, if the features of keyframes are on demand; else empty
   std::vector<EdgeRow> edges;
 
   map::Keyframe* FindKeyframe(std::int64_t id);  // null: none

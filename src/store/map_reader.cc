@@ -128,14 +128,21 @@ absl::Status MapReader::ReadDescription() {
   return absl::OkStatus();
 }
 
-absl::Status MapReader::ReadEntities() {
+absl::Status MapReader::ReadEntities(const FeatureUse& use) {
   CAIRN_RETURN_IF_ERROR(ReadDescription());
   CAIRN_RETURN_IF_ERROR(ReadTable<map::Keyframe>(kKeyframesTable, [&](map::Keyframe&& value) {
     rows_.keyframes.push_back(std::make_shared<map::Keyframe>(std::move(value)));
   }));
-  CAIRN_RETURN_IF_ERROR(ReadFeatures());
-  CAIRN_RETURN_IF_ERROR(ReadPointIds());
-  CAIRN_RETURN_IF_ERROR(ReadTable<PointRow>(kPointsTable, [&](PointRow&& value) { rows_.points.push_back(value); }));
+  const auto read_points = [&] {
+    // A count that is damaged is told later.
+    rows_.points.reserve(static_cast<std::size_t>(std::clamp<std::int64_t>(rows_.map_row.point_count, 0, 1 << 24)));
+    return ReadTable<PointRow>(kPointsTable, [&](PointRow&& value) { rows_.points.push_back(value); });
+  };
+  // What points take from features that are not kept must be known while these go by.
+  if (use.on_demand == nullptr) CAIRN_RETURN_IF_ERROR(ReadFeatures(use));
+  CAIRN_RETURN_IF_ERROR(ReadPointIds(use.on_demand != nullptr));
+  CAIRN_RETURN_IF_ERROR(read_points());
+  if (use.on_demand != nullptr) CAIRN_RETURN_IF_ERROR(ReadFeatures(use));
   CAIRN_RETURN_IF_ERROR(ReadTable<EdgeRow>(kCovisibilityTable, [&](EdgeRow&& value) { rows_.edges.push_back(value); }));
   return CheckCounts();
 }
@@ -189,8 +196,21 @@ absl::Status MapReader::ReadTrajectories() {
   return absl::OkStatus();
 }
 
-absl::Status MapReader::ReadFeatures() {
+void MapReader::SetAnchors(const map::Keyframe& keyframe, const image::Features& features, const PointIndex& index) {
+  for (std::uint32_t i = 0; i < keyframe.points.size(); ++i) {
+    const std::size_t row = keyframe.points[i] ? index.Find(keyframe.points[i]) : PointIndex::kNone;
+    if (row == PointIndex::kNone || rows_.points[row].reference_keyframe != keyframe.id) continue;
+    rows_.anchors[row] = {features.descriptors[i], features.keypoints[i].octave};
+  }
+}
+
+absl::Status MapReader::ReadFeatures(const FeatureUse& use) {
   const absl::string_view table = kFeaturesTable.name;
+  std::optional<PointIndex> index;
+  if (use.on_demand != nullptr) {
+    index.emplace(rows_.points);
+    rows_.anchors.resize(rows_.points.size());
+  }
   CAIRN_ASSIGN_OR_RETURN(const std::optional<std::uint32_t> num_words, ReadNumWords(database_));
   CAIRN_RETURN_IF_ERROR(ForEachRow(kFeaturesTable, [&](const Statement& row, std::int64_t id) -> absl::Status {
     map::Keyframe* keyframe = rows_.FindKeyframe(id);
@@ -206,7 +226,18 @@ absl::Status MapReader::ReadFeatures() {
     auto features =
         FeaturesFromRow(row, known ? &camera->pinhole : nullptr, rows_.map_row.info.orb.num_levels, num_words);
     if (!features.ok()) return Report(table, id, features.status().message());
-    keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
+    if (use.words) {
+      if (absl::Status status = use.words(keyframe->id, features->words); !status.ok()) return status;
+    }
+    if (use.on_demand == nullptr) {
+      keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
+      return absl::OkStatus();
+    }
+    if (features->features.size() != keyframe->points.size()) {
+      return Report(kKeyframePointsTable.name, id, "not one point per feature");
+    }
+    SetAnchors(*keyframe, features->features, *index);
+    keyframe->features = use.on_demand->OnDemand(keyframe->id, features->features.size());
     return absl::OkStatus();
   }));
   for (const auto& keyframe : rows_.keyframes) {
@@ -215,14 +246,14 @@ absl::Status MapReader::ReadFeatures() {
   return absl::OkStatus();
 }
 
-absl::Status MapReader::ReadPointIds() {
+absl::Status MapReader::ReadPointIds(bool features_come_later) {
   const absl::string_view table = kKeyframePointsTable.name;
   std::size_t good = 0;
   CAIRN_RETURN_IF_ERROR(ForEachRow(kKeyframePointsTable, [&](const Statement& row, std::int64_t id) -> absl::Status {
     map::Keyframe* keyframe = rows_.FindKeyframe(id);
     if (keyframe == nullptr) return Report(table, id, "there is no such keyframe");
-    if (!keyframe->features) return absl::OkStatus();
-    auto ids = PointIdsFromRow(row, keyframe->features->features.size());
+    if (!features_come_later && !keyframe->features) return absl::OkStatus();
+    auto ids = PointIdsFromRow(row, keyframe->features ? keyframe->features.size() : NumPackedPointIds(row.Blob(2)));
     if (!ids.ok()) return Report(table, id, ids.status().message());
     keyframe->points = *std::move(ids);
     ++good;

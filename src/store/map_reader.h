@@ -1,6 +1,7 @@
 // Reads the tables of a map file back, checking everything on the way.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -28,6 +29,12 @@ absl::StatusOr<std::vector<LoggedChange>> ReadLog(Statement rows);
 // How many words the vocabulary in the file has; none if that is not known.
 absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords(Database* database);
 
+// What becomes of features while a map is read.
+struct FeatureUse {
+  map::FeatureCache* on_demand = nullptr;  // the features of keyframes are read and checked, but not kept; null: kept
+  std::function<absl::Status(KeyframeId keyframe, const std::vector<std::uint32_t>& words)> words = {};
+};
+
 // Use inside one read transaction, once.
 class MapReader {
  public:
@@ -39,7 +46,7 @@ class MapReader {
   // the map. Is part of ReadEntities().
   absl::Status ReadDescription();
   // Every other table but the vocabulary and the log of changes.
-  absl::Status ReadEntities();
+  absl::Status ReadEntities(const FeatureUse& use = {});
   // These two.
   absl::Status CheckVocabulary();
   absl::Status CheckChanges();
@@ -66,8 +73,10 @@ class MapReader {
   // Loops and reported trajectories of the sessions; formats before 2 have none.
   absl::Status ReadTrajectories();
   absl::Status CheckTouched();
-  absl::Status ReadFeatures();
-  absl::Status ReadPointIds();
+  absl::Status ReadFeatures(const FeatureUse& use);
+  absl::Status ReadPointIds(bool features_come_later);
+  // Of the points whose descriptor comes from this keyframe, whose features are not kept.
+  void SetAnchors(const map::Keyframe& keyframe, const image::Features& features, const PointIndex& index);
   absl::Status CheckCounts();
 
   Database* database_;

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -45,6 +46,14 @@ struct CreateOptions {
 enum class OpenMode {
   kRead,   // also on a read-only medium; the content of the map is never changed
   kWrite,  // brings an older format up to date, and makes a backup before
+};
+
+struct LoadOptions {
+  // Features of keyframes, most of a map, come from the store when somebody looks at them, and so many bytes of them
+  // are kept (map/feature_cache.h). None: all are in memory.
+  std::optional<std::size_t> feature_budget_bytes = std::nullopt;
+  // Is given the words of each keyframe on the way, ascending; an error ends the loading. May be empty.
+  std::function<absl::Status(KeyframeId keyframe, const std::vector<std::uint32_t>& words)> words = {};
 };
 
 // Sizes, without loading the map.
@@ -96,7 +105,7 @@ class MapStore {
   virtual absl::Status Commit(const map::Delta& delta) = 0;
 
   // The newest revision, with every checksum and every reference checked. kDamaged names the table and row at fault.
-  virtual absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot() = 0;
+  virtual absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot(const LoadOptions& options = {}) = 0;
 
   // Stores the vocabulary that MapInfo::vocabulary_hash names. FailedPrecondition if another one is stored and
   // keyframes exist.

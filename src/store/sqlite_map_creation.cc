@@ -129,9 +129,9 @@ absl::Status NewSqliteMap::RequireFile() const {
   return absl::FailedPreconditionError(absl::StrCat("map ", path_, " does not exist yet: it has no keyframe"));
 }
 
-absl::StatusOr<std::shared_ptr<const map::Snapshot>> NewSqliteMap::LoadSnapshot() {
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> NewSqliteMap::LoadSnapshot(const LoadOptions& options) {
   if (!file_) return current_;
-  return file_->LoadSnapshot();
+  return file_->LoadSnapshot(options);
 }
 
 absl::Status NewSqliteMap::PutVocabulary(absl::string_view bytes) {

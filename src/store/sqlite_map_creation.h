@@ -22,7 +22,7 @@ class NewSqliteMap : public MapStore {
   bool exists() const override { return file_ != nullptr; }
   const std::vector<std::string>& notes() const override { return notes_; }
   absl::Status Commit(const map::Delta& delta) override;
-  absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot() override;
+  absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot(const LoadOptions& options = {}) override;
   absl::Status PutVocabulary(absl::string_view bytes) override;
   absl::StatusOr<std::string> LoadVocabulary() override;
   absl::StatusOr<Revision> ReadRevision() override;

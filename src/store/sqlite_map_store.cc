@@ -10,6 +10,7 @@
 #include "store/delta_reader.h"
 #include "store/delta_writer.h"
 #include "store/digest.h"
+#include "store/feature_reader.h"
 #include "store/file_paths.h"
 #include "store/format_upgrade.h"
 #include "store/map_open.h"
@@ -236,16 +237,22 @@ absl::Status SqliteMapStore::Commit(const map::Delta& delta) {
   return Annotated(writer_->Commit(delta, options_.record_wall_clock ? NowUnixNs() : 0));
 }
 
-absl::StatusOr<std::shared_ptr<const map::Snapshot>> SqliteMapStore::LoadSnapshot() {
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> SqliteMapStore::LoadSnapshot(const LoadOptions& options) {
   auto loaded = [&]() -> absl::StatusOr<std::shared_ptr<const map::Snapshot>> {
+    std::shared_ptr<map::FeatureCache> cache;
+    if (options.feature_budget_bytes) {
+      CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<map::FeatureReader> features,
+                             OpenFeatureReader(path_, resolved_, identity_));
+      cache = map::FeatureCache::Create(std::move(features), *options.feature_budget_bytes);
+    }
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));
     MapReader reader(database_.get(), DamagedBy);
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
-    CAIRN_RETURN_IF_ERROR(reader.ReadEntities());
+    CAIRN_RETURN_IF_ERROR(reader.ReadEntities({cache.get(), options.words}));
     CAIRN_ASSIGN_OR_RETURN(auto snapshot, reader.Assemble());
     CAIRN_RETURN_IF_ERROR(CheckUnchanged());
-    return snapshot;
+    return cache == nullptr ? snapshot : snapshot->With(std::move(cache));
   }();
   if (!loaded.ok()) return Annotated(loaded.status());
   return loaded;

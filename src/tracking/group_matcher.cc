@@ -42,22 +42,27 @@ class PointRows {
 
 ObservationTable Collect(const map::Snapshot& map, const PlaceIndex& places, std::span<const KeyframeId> group) {
   struct Row {
-    const map::Keyframe* keyframe;
+    const image::Features* features;
     std::uint32_t feature;
     std::uint32_t point;
   };
   std::size_t most = 0;
-  for (const KeyframeId id : group) most += places.NodesOf(id).size();
+  for (const KeyframeId id : group) {
+    if (const map::Keyframe* keyframe = map.keyframes().Find(id)) most += keyframe->features.size();
+  }
   std::vector<Row> rows;
   std::vector<std::pair<place::NodeId, std::uint32_t>> order;  // node and row
   rows.reserve(most);
   order.reserve(most);
   ObservationTable table;
+  map::FeatureLook look;
   PointRows rows_of_points(most);
   for (const KeyframeId id : group) {
     const map::Keyframe* keyframe = map.keyframes().Find(id);
-    const auto nodes = places.NodesOf(id);
-    if (keyframe == nullptr || nodes.size() != keyframe->points.size()) continue;
+    if (keyframe == nullptr) continue;
+    const std::vector<place::NodeId> nodes = places.NodesOf(*keyframe);
+    if (nodes.size() != keyframe->points.size()) continue;
+    const image::Features& features = look.Of(keyframe->features).features;
     for (std::uint32_t i = 0; i < nodes.size(); ++i) {
       if (!keyframe->points[i]) continue;
       const auto next = static_cast<std::uint32_t>(table.points.size());
@@ -65,16 +70,16 @@ ObservationTable Collect(const map::Snapshot& map, const PlaceIndex& places, std
       if (row == next) table.points.push_back(map.points().Find(keyframe->points[i]));
       if (table.points[row] == nullptr) continue;
       order.emplace_back(nodes[i], static_cast<std::uint32_t>(rows.size()));
-      rows.push_back({keyframe, i, row});
+      rows.push_back({&features, i, row});
     }
   }
   std::sort(order.begin(), order.end());
   for (const auto& [node, i] : order) {
     const Row& row = rows[i];
     table.node.push_back(node);
-    table.descriptor.push_back(row.keyframe->descriptors()[row.feature]);
+    table.descriptor.push_back(row.features->descriptors[row.feature]);
     table.point.push_back(row.point);
-    table.angle_rad.push_back(row.keyframe->keypoints()[row.feature].angle_rad);
+    table.angle_rad.push_back(row.features->keypoints[row.feature].angle_rad);
   }
   return table;
 }

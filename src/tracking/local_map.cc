@@ -146,6 +146,7 @@ DescriptorLists ObservedDescriptors(const MapView& map, std::span<const map::Map
                                     int max_per_point) {
   DescriptorLists lists;
   std::vector<map::Observation> others;
+  map::FeatureLook look;
   lists.begin.reserve(points.size() + 1);
   for (const map::MapPoint* point : points) {
     if (point != nullptr) {
@@ -160,7 +161,8 @@ DescriptorLists ObservedDescriptors(const MapView& map, std::span<const map::Map
       const std::size_t count = std::min(others.size(), static_cast<std::size_t>(std::max(0, max_per_point - 1)));
       for (std::size_t i = 0; i < count; ++i) {
         const map::Observation& observation = others[i * others.size() / count];
-        lists.descriptors.push_back(FindKeyframe(map, observation.keyframe)->descriptors()[observation.feature]);
+        const map::KeyframeFeatures& features = look.Of(FindKeyframe(map, observation.keyframe)->features);
+        lists.descriptors.push_back(features.features.descriptors[observation.feature]);
       }
     }
     lists.Close();

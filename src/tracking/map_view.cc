@@ -14,6 +14,13 @@ absl::StatusOr<std::shared_ptr<const MapView>> MapView::Create(std::shared_ptr<c
   return view;
 }
 
+std::shared_ptr<const MapView> MapView::Create(std::shared_ptr<const map::Snapshot> map, PlaceIndex places) {
+  std::shared_ptr<MapView> view(new MapView);
+  view->map_ = std::move(map);
+  view->places_ = std::move(places);
+  return view;
+}
+
 absl::StatusOr<std::shared_ptr<const MapView>> MapView::After(const map::Delta& delta) const {
   std::shared_ptr<MapView> next(new MapView);
   CAIRN_ASSIGN_OR_RETURN(next->map_, map_->Apply(delta));

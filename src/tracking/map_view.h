@@ -20,6 +20,9 @@ class MapView {
   static absl::StatusOr<std::shared_ptr<const MapView>> Create(std::shared_ptr<const map::Snapshot> map,
                                                                std::shared_ptr<const place::Vocabulary> vocabulary);
 
+  // The same with an index that was built on the way.
+  static std::shared_ptr<const MapView> Create(std::shared_ptr<const map::Snapshot> map, PlaceIndex places);
+
   // The view after `delta`; this one stays as it is. O(delta). Errors as Snapshot::Apply and PlaceIndex::After.
   absl::StatusOr<std::shared_ptr<const MapView>> After(const map::Delta& delta) const;
 

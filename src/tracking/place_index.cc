@@ -1,21 +1,37 @@
 #include "tracking/place_index.h"
 
 #include <algorithm>
-#include <limits>
+#include <array>
 #include <mutex>
 #include <utility>
 
 namespace cairn::tracking {
 namespace {
 
-constexpr place::NodeId kUnknownNode = std::numeric_limits<place::NodeId>::max();
 // Entries of the shared index over keyframes in the map, and beside that, from which on it is built anew.
 constexpr std::size_t kMaxGoneShare = 3;
 constexpr std::size_t kMaxGone = 200;
+// Keyframes whose words go into the index together when it is built.
+constexpr std::size_t kAddedAtOnce = 1024;
+
+// Words below `num_words`; of an image's thousands a radix sort takes a tenth of the time of std::sort.
+void SortWords(std::vector<place::WordId>* words, std::size_t num_words) {
+  constexpr int kBits = 9;
+  constexpr std::size_t kBuckets = std::size_t{1} << kBits;
+  std::vector<place::WordId> other(words->size());
+  for (int shift = 0; (num_words >> shift) != 0; shift += kBits) {
+    std::array<std::uint32_t, kBuckets> end{};
+    for (const place::WordId word : *words) ++end[(word >> shift) & (kBuckets - 1)];
+    std::uint32_t sum = 0;
+    for (std::uint32_t& bucket : end) sum += std::exchange(bucket, sum);
+    for (const place::WordId word : *words) other[end[(word >> shift) & (kBuckets - 1)]++] = word;
+    words->swap(other);
+  }
+}
 
 // tf-idf of the words of one image, L1-normalised: each word's count times its weight. `words` is in any order.
 place::BowVector Weigh(const place::Vocabulary& vocabulary, std::vector<place::WordId> words) {
-  std::sort(words.begin(), words.end());
+  SortWords(&words, vocabulary.num_words());
   place::BowVector bow;
   double sum = 0.0;
   for (std::size_t i = 0; i < words.size();) {
@@ -30,6 +46,12 @@ place::BowVector Weigh(const place::Vocabulary& vocabulary, std::vector<place::W
   return bow;
 }
 
+absl::Status CheckVocabulary(const place::Vocabulary& vocabulary, const map::Snapshot& map) {
+  if (map.info().vocabulary_hash == 0 || map.info().vocabulary_hash == vocabulary.hash()) return absl::OkStatus();
+  return absl::FailedPreconditionError(
+      "place index: the map's words come from another vocabulary than the one given; use the one in the map");
+}
+
 }  // namespace
 
 // What the indices of all revisions have in common: it only grows.
@@ -38,68 +60,92 @@ class PlaceIndex::Shared {
   Shared(std::shared_ptr<const place::Vocabulary> words, int level)
       : vocabulary(std::move(words)),
         direct_level(level),
-        index(vocabulary->num_words()),
-        node_of_word_(vocabulary->num_words(), kUnknownNode) {}
+        node_of_word(vocabulary->NodesOfWords(level)),
+        index(vocabulary->num_words()) {}
 
-  absl::StatusOr<std::shared_ptr<const Entry>> Add(const map::Keyframe& keyframe) {
-    const std::lock_guard lock(mutex_);
-    const auto& descriptors = keyframe.descriptors();
-    std::vector<place::WordId> words = keyframe.features->words;
-    const bool known = words.size() == descriptors.size();
-    if (!known) words.assign(descriptors.size(), 0);
-    auto entry = std::make_shared<Entry>();
-    entry->nodes.resize(descriptors.size());
-    for (std::size_t i = 0; i < descriptors.size(); ++i) {
-      if (known && words[i] >= node_of_word_.size()) {
-        return absl::DataLossError(absl::StrCat("place index: keyframe ", keyframe.id.value(), " has word ", words[i],
-                                                ", but the vocabulary has ", node_of_word_.size()));
-      }
-      if (!known || node_of_word_[words[i]] == kUnknownNode) {
-        place::NodeId node = 0;
-        const place::WordId word = vocabulary->Lookup(descriptors[i], direct_level, &node);
-        if (!known) words[i] = word;
-        node_of_word_[words[i]] = node;
-      }
-      entry->nodes[i] = node_of_word_[words[i]];
+  absl::StatusOr<place::BowVector> BowOf(KeyframeId keyframe, const std::vector<place::WordId>& words) const {
+    for (const place::WordId word : words) {
+      if (word < node_of_word.size()) continue;
+      return absl::DataLossError(absl::StrCat("place index: keyframe ", keyframe.value(), " has word ", word,
+                                              ", but the vocabulary has ", node_of_word.size()));
     }
-    CAIRN_ASSIGN_OR_RETURN(entry->number, index.Add(keyframe.id.value(), Weigh(*vocabulary, std::move(words))));
-    return entry;
+    return Weigh(*vocabulary, words);
+  }
+
+  absl::StatusOr<std::uint32_t> Add(KeyframeId keyframe, const std::vector<place::WordId>& words) {
+    CAIRN_ASSIGN_OR_RETURN(const place::BowVector bow, BowOf(keyframe, words));
+    const std::lock_guard lock(mutex_);
+    return index.Add(keyframe.value(), bow);
+  }
+
+  // Those that the keyframe has, or else would have.
+  std::vector<place::WordId> WordsOf(const map::Keyframe& keyframe) const {
+    const auto features = keyframe.features.Get();
+    if (features->words.size() == features->features.size()) return features->words;
+    return vocabulary->LookupAll(features->features.descriptors);
   }
 
   const std::shared_ptr<const place::Vocabulary> vocabulary;
   const int direct_level;
+  const std::vector<place::NodeId> node_of_word;
   place::InvertedIndex index;
 
  private:
-  std::mutex mutex_;                         // of those who add
-  std::vector<place::NodeId> node_of_word_;  // as far as met; kUnknownNode otherwise
+  std::mutex mutex_;  // of those who add
 };
 
-absl::StatusOr<PlaceIndex> PlaceIndex::Build(std::shared_ptr<const place::Vocabulary> vocabulary,
-                                             const map::Snapshot& map, int direct_level) {
+PlaceIndex::Builder::Builder(std::shared_ptr<Shared> shared) : shared_(std::move(shared)) {}
+
+absl::StatusOr<PlaceIndex::Builder> PlaceIndex::Builder::Create(std::shared_ptr<const place::Vocabulary> vocabulary,
+                                                                int direct_level) {
   if (vocabulary == nullptr) return absl::InvalidArgumentError("place index: no vocabulary given");
   if (direct_level < 0 || direct_level > vocabulary->depth()) {
     return absl::InvalidArgumentError(absl::StrCat("place index: direct level ", direct_level,
                                                    " is not a level of the vocabulary (0 to ", vocabulary->depth(),
                                                    ")"));
   }
-  if (map.info().vocabulary_hash != 0 && map.info().vocabulary_hash != vocabulary->hash()) {
-    return absl::FailedPreconditionError(
-        "place index: the map's words come from another vocabulary than the one given; use the one in the map");
+  return Builder(std::make_shared<Shared>(std::move(vocabulary), direct_level));
+}
+
+absl::Status PlaceIndex::Builder::Add(KeyframeId keyframe, const std::vector<place::WordId>& words) {
+  CAIRN_ASSIGN_OR_RETURN(place::BowVector bow, shared_->BowOf(keyframe, words));
+  waiting_.push_back({keyframe.value(), std::move(bow)});
+  return waiting_.size() < kAddedAtOnce ? absl::OkStatus() : Flush();
+}
+
+absl::Status PlaceIndex::Builder::Flush() {
+  CAIRN_ASSIGN_OR_RETURN(std::uint32_t number, shared_->index.AddAll(waiting_));
+  for (const place::InvertedIndex::Entry& entry : waiting_) {
+    entries_.Set(KeyframeId(entry.id), std::make_shared<const std::uint32_t>(number++), edit_);
+  }
+  waiting_.clear();
+  return absl::OkStatus();
+}
+
+absl::StatusOr<PlaceIndex> PlaceIndex::Builder::Finish(const map::Snapshot& map) && {
+  CAIRN_RETURN_IF_ERROR(CheckVocabulary(*shared_->vocabulary, map));
+  CAIRN_RETURN_IF_ERROR(Flush());
+  if (entries_.size() != map.keyframes().size()) {
+    return absl::FailedPreconditionError(absl::StrCat("place index: the words of ", entries_.size(),
+                                                      " keyframes were given, the map has ", map.keyframes().size()));
   }
   PlaceIndex built;
-  built.shared_ = std::make_shared<Shared>(std::move(vocabulary), direct_level);
-  const map::TableEdit edit;
-  absl::Status status;
-  map.keyframes().ForEach([&](const auto& keyframe) {
-    if (!status.ok()) return;
-    auto entry = built.shared_->Add(*keyframe);
-    status = entry.status();
-    if (status.ok()) built.entries_.Set(keyframe->id, *std::move(entry), edit);
-  });
-  CAIRN_RETURN_IF_ERROR(status);
+  built.shared_ = std::move(shared_);
+  built.entries_ = std::move(entries_);
   built.revision_ = map.revision();
   return built;
+}
+
+absl::StatusOr<PlaceIndex> PlaceIndex::Build(std::shared_ptr<const place::Vocabulary> vocabulary,
+                                             const map::Snapshot& map, int direct_level) {
+  CAIRN_ASSIGN_OR_RETURN(Builder builder, Builder::Create(std::move(vocabulary), direct_level));
+  CAIRN_RETURN_IF_ERROR(CheckVocabulary(*builder.shared_->vocabulary, map));
+  absl::Status status;
+  map.keyframes().ForEach([&](const auto& keyframe) {
+    if (status.ok()) status = builder.Add(keyframe->id, builder.shared_->WordsOf(*keyframe));
+  });
+  CAIRN_RETURN_IF_ERROR(status);
+  return std::move(builder).Finish(map);
 }
 
 absl::StatusOr<PlaceIndex> PlaceIndex::After(const map::Delta& delta, const map::Snapshot& map) const {
@@ -118,8 +164,8 @@ absl::StatusOr<PlaceIndex> PlaceIndex::After(const map::Delta& delta, const map:
   // The descriptors of a keyframe never change; only new ones matter.
   for (const auto& keyframe : delta.keyframes) {
     if (next.entries_.Contains(keyframe->id)) continue;
-    CAIRN_ASSIGN_OR_RETURN(auto entry, shared_->Add(*keyframe));
-    next.entries_.Set(keyframe->id, std::move(entry), edit);
+    CAIRN_ASSIGN_OR_RETURN(const std::uint32_t number, shared_->Add(keyframe->id, shared_->WordsOf(*keyframe)));
+    next.entries_.Set(keyframe->id, std::make_shared<const std::uint32_t>(number), edit);
   }
   next.revision_ = delta.revision();
   return next;
@@ -130,14 +176,24 @@ const place::Vocabulary& PlaceIndex::vocabulary() const { return *shared_->vocab
 std::vector<place::Candidate> PlaceIndex::Query(const place::BowVector& words,
                                                 const place::QueryOptions& options) const {
   return shared_->index.Query(words, options, [this](std::uint32_t id, std::uint32_t number) {
-    const Entry* entry = entries_.Find(KeyframeId(id));
-    return entry != nullptr && entry->number == number;
+    const std::uint32_t* entry = entries_.Find(KeyframeId(id));
+    return entry != nullptr && *entry == number;
   });
 }
 
-std::span<const place::NodeId> PlaceIndex::NodesOf(KeyframeId id) const {
-  const Entry* found = entries_.Find(id);
-  return found == nullptr ? std::span<const place::NodeId>() : std::span(found->nodes);
+std::vector<place::NodeId> PlaceIndex::NodesOf(const map::Keyframe& keyframe) const {
+  std::vector<place::NodeId> nodes;
+  if (!entries_.Contains(keyframe.id)) return nodes;
+  const auto features = keyframe.features.Get();
+  if (features->words.size() != features->features.size()) {
+    shared_->vocabulary->LookupAll(features->features.descriptors, shared_->direct_level, &nodes);
+    return nodes;
+  }
+  nodes.reserve(features->words.size());
+  for (const place::WordId word : features->words) {
+    nodes.push_back(word < shared_->node_of_word.size() ? shared_->node_of_word[word] : 0);
+  }
+  return nodes;
 }
 
 PlaceIndex::Words PlaceIndex::Transform(std::span<const image::Descriptor> descriptors) const {

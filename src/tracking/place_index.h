@@ -1,6 +1,6 @@
-// The keyframes of one revision of a map, ready to be found by their words: an inverted index, and for each feature the
-// vocabulary node under which it is compared. Never changes; the index of the next revision is made from it and the
-// change between, at a cost in proportion to that, and shares the rest with it.
+// The keyframes of one revision of a map, ready to be found by their words: an inverted index, and for each word the
+// vocabulary node under which its features are compared. Never changes; the index of the next revision is made from it
+// and the change between, at a cost in proportion to that, and shares the rest with it.
 #pragma once
 
 #include <cstdint>
@@ -18,6 +18,8 @@
 namespace cairn::tracking {
 
 class PlaceIndex {
+  class Shared;
+
  public:
   // Features are compared when they share the tree node at this level (0: all with all): higher is faster, and loses
   // more of the pairs that the vocabulary's borders separate.
@@ -26,6 +28,29 @@ class PlaceIndex {
   // O(map). InvalidArgument: no vocabulary, a bad level. FailedPrecondition: the map was made with another vocabulary.
   static absl::StatusOr<PlaceIndex> Build(std::shared_ptr<const place::Vocabulary> vocabulary, const map::Snapshot& map,
                                           int direct_level = kDefaultDirectLevel);
+
+  // The same from the words of the keyframes alone, one after another, for who reads a map whose features it does not
+  // keep.
+  class Builder {
+   public:
+    static absl::StatusOr<Builder> Create(std::shared_ptr<const place::Vocabulary> vocabulary,
+                                          int direct_level = kDefaultDirectLevel);
+    // One word per feature.
+    absl::Status Add(KeyframeId keyframe, const std::vector<place::WordId>& words);
+    // Errors as of After(); FailedPrecondition if these are not the keyframes of the map, or its words are of another
+    // vocabulary.
+    absl::StatusOr<PlaceIndex> Finish(const map::Snapshot& map) &&;
+
+   private:
+    friend class PlaceIndex;
+    explicit Builder(std::shared_ptr<Shared> shared);
+    absl::Status Flush();
+
+    std::shared_ptr<Shared> shared_;
+    std::vector<place::InvertedIndex::Entry> waiting_;
+    map::Table<KeyframeId, std::uint32_t> entries_;
+    map::TableEdit edit_;
+  };
 
   // The index of `map`, which `delta` has made of the map that this is the index of. FailedPrecondition if it starts
   // from another revision; DataLoss if a keyframe has words that the vocabulary does not. From several threads at once,
@@ -39,7 +64,7 @@ class PlaceIndex {
   // Ids of candidates are the values of KeyframeIds.
   std::vector<place::Candidate> Query(const place::BowVector& words, const place::QueryOptions& options) const;
   // Per feature of the keyframe, its node; empty for a keyframe that is not here.
-  std::span<const place::NodeId> NodesOf(KeyframeId id) const;
+  std::vector<place::NodeId> NodesOf(const map::Keyframe& keyframe) const;
 
   // The same two of a query's descriptors.
   struct Words {
@@ -49,16 +74,10 @@ class PlaceIndex {
   Words Transform(std::span<const image::Descriptor> descriptors) const;
 
  private:
-  class Shared;
-  struct Entry {
-    std::uint32_t number = 0;  // in the inverted index
-    std::vector<place::NodeId> nodes;
-  };
-
   PlaceIndex() = default;
 
-  std::shared_ptr<Shared> shared_;  // by the indices of all revisions
-  map::Table<KeyframeId, Entry> entries_;
+  std::shared_ptr<Shared> shared_;                 // by the indices of all revisions
+  map::Table<KeyframeId, std::uint32_t> entries_;  // numbers in the inverted index
   Revision revision_ = 0;
 };
 

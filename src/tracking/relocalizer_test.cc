@@ -209,8 +209,9 @@ TEST(MapView, FollowsTheMapByDeltas) {
   ASSERT_TRUE(after.ok()) << after.status();
   EXPECT_EQ((*after)->revision(), scene.map->revision() + 1);
   EXPECT_EQ((*after)->places()->size(), places.size());
-  EXPECT_TRUE((*after)->places()->NodesOf(KeyframeId(2)).empty());
-  EXPECT_FALSE((*after)->places()->NodesOf(added).empty());
+  EXPECT_TRUE((*after)->places()->NodesOf(scene.map->keyframe(KeyframeId(2))).empty());
+  EXPECT_EQ((*after)->places()->NodesOf((*after)->map().keyframe(added)),
+            places.Transform((*after)->map().keyframe(added).descriptors()).nodes);
   EXPECT_EQ((*after)->After(delta).status().code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(places.Query(words, {}), found_before) << "an older view answers as before";
 

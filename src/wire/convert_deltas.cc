@@ -99,7 +99,7 @@ void WriteKeyframe(const map::Keyframe& keyframe, const map::ChangedKeyframe& ch
     out->add_covisible(edge.keyframe.value());
     out->add_shared_points(static_cast<std::uint32_t>(edge.shared_points));
   }
-  if (changed.features) WriteFeatures(*keyframe.features, out->mutable_features());
+  if (changed.features) WriteFeatures(*keyframe.features.Get(), out->mutable_features());
   if (!changed.points) return;
   out->set_has_points(true);
   out->set_points(store::PackPointIds(keyframe.points));

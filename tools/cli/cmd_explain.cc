@@ -111,8 +111,10 @@ absl::Status DrawMatches(const ExplainCommand& command, const map::Snapshot& map
                   cv::Mat(),
                   {}};
   std::map<PointId, std::uint32_t> feature_of;
+  const auto features = keyframe.features.Get();
   for (std::uint32_t i = 0; i < keyframe.points.size(); ++i) {
-    figure.right.features.emplace_back(keyframe.keypoints()[i].x_px, keyframe.keypoints()[i].y_px);
+    const image::Keypoint& keypoint = features->features.keypoints[i];
+    figure.right.features.emplace_back(keypoint.x_px, keypoint.y_px);
     if (keyframe.points[i]) feature_of.emplace(keyframe.points[i], i);
   }
   std::set<std::pair<std::uint32_t, PointId>> drawn;

@@ -1,0 +1,71 @@
+#include "store/feature_reader.h"
+
+#include <optional>
+#include <utility>
+
+#include "store/fault.h"
+#include "store/map_open.h"
+#include "store/map_reader.h"
+#include "store/sqlite.h"
+#include "store/tables.h"
+
+namespace cairn::store {
+namespace {
+
+class SqliteFeatureReader : public map::FeatureReader {
+ public:
+  SqliteFeatureReader(std::string path, std::string resolved)
+      : path_(std::move(path)), resolved_(std::move(resolved)) {}
+
+  absl::Status Open(const FileIdentity& identity) {
+    CAIRN_ASSIGN_OR_RETURN(database_, OpenForReading(resolved_, &immutable_stamp_));
+    if (!identity.IsAt(resolved_))
+      return MakeFault(Fault::kMoved, "it was replaced while it was opened; open it again");
+    CAIRN_ASSIGN_OR_RETURN(num_words_, ReadNumWords(database_.get()));
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t levels, database_->QueryInt("SELECT orb_num_levels FROM map"));
+    num_levels_ = static_cast<int>(levels);
+    CAIRN_ASSIGN_OR_RETURN(select_, database_->Prepare(kFeaturesTable.SelectSql("WHERE keyframe = ?")));
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<std::shared_ptr<const map::KeyframeFeatures>> Read(KeyframeId keyframe) override {
+    auto read = ReadRow(keyframe);
+    select_.Reset();
+    if (!read.ok()) return Annotate(read.status(), absl::StrCat("map ", path_));
+    return read;
+  }
+
+ private:
+  absl::StatusOr<std::shared_ptr<const map::KeyframeFeatures>> ReadRow(KeyframeId keyframe) {
+    select_.Bind(1, static_cast<std::int64_t>(keyframe.value()));
+    CAIRN_ASSIGN_OR_RETURN(const bool found, select_.Step());
+    if (!found) return nullptr;
+    auto features = FeaturesFromRow(select_, /*camera=*/nullptr, num_levels_, num_words_);
+    if (!features.ok()) {
+      return DamagedBy({std::string(kFeaturesTable.name), keyframe.value(), std::string(features.status().message())});
+    }
+    if (!immutable_stamp_.empty() && FileStamp(resolved_) != immutable_stamp_) {
+      return MakeFault(Fault::kBusy, "it was written while it was read; open it again");
+    }
+    return std::make_shared<const map::KeyframeFeatures>(*std::move(features));
+  }
+
+  const std::string path_, resolved_;
+  std::string immutable_stamp_;
+  std::unique_ptr<Database> database_;
+  std::optional<std::uint32_t> num_words_;
+  int num_levels_ = 0;
+  Statement select_;  // after the database: it goes first
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<map::FeatureReader>> OpenFeatureReader(const std::string& path,
+                                                                      const std::string& resolved,
+                                                                      const FileIdentity& identity) {
+  auto reader = std::make_unique<SqliteFeatureReader>(path, resolved);
+  CAIRN_RETURN_IF_ERROR(reader->Open(identity));
+  return reader;
+}
+
+}  // namespace cairn::store
