@@ -50,7 +50,7 @@ absl::Status Synthesize(const SynthOptions& options) {
   if (!options.size_m.empty()) dataset.sequence.world.size_m.head<2>() = Vector2d(options.size_m.data());
   if (options.laps > 0.0) dataset.sequence.trajectory.laps = options.laps;
   if (options.rate_hz > 0.0) dataset.sequence.rate_hz = options.rate_hz;
-  dataset.sequence.max_duration_s = options.duration_s;
+  if (options.duration_s > 0.0) dataset.sequence.max_duration_s = options.duration_s;
   const bool sized = !options.image_size_px.empty();
   synth::SetCamera(sized ? options.image_size_px[0] : 0, sized ? options.image_size_px[1] : 0, options.focal_px,
                    dataset.sequence);

@@ -23,16 +23,40 @@ absl::Status SequenceOptions::Validate() const {
   if (!(exposure_swing >= 0.0 && exposure_swing <= 2.0)) {
     return absl::InvalidArgumentError("exposure_swing must be in [0, 2]");
   }
+  if (!(arm_share >= 0.0 && arm_share <= 0.6)) return absl::InvalidArgumentError("arm_share must be in [0, 0.6]");
   if (first_time_ns < 0) return absl::InvalidArgumentError("first_time_ns must not be negative");
   return absl::OkStatus();
 }
 
 std::vector<std::string> PresetNames() {
-  return {"office", "corridor", "aliasing", "plain", "soft", "rooms", "alike", "turning"};
+  return {"office", "corridor", "aliasing", "plain", "soft",  "rooms",
+          "alike",  "turning",  "desk",     "spin",  "aside", "ahead"};
 }
 
 absl::StatusOr<SequenceOptions> Preset(const std::string& name) {
   SequenceOptions o;
+  if (name == "desk" || name == "spin") {
+    o.world.kind = WorldKind::kRoom;
+    o.trajectory.motion = name == "desk" ? Motion::kDesk : Motion::kSpin;
+    if (name == "desk") {
+      o.arm_share = 0.2;
+    } else {
+      o.trajectory.laps = 0.8;
+      o.exposure_s = 0.02;
+      CAIRN_RETURN_IF_ERROR(SetEffect("blur", true, o));
+    }
+    return o;
+  }
+  if (name == "aside" || name == "ahead") {
+    o.world.kind = WorldKind::kCorridor;
+    o.world.size_m = Vector3d(98.0, 10.0, 2.6);
+    o.world.corridor_width_m = 3.0;
+    o.world.texels_per_m = 160.0;
+    o.trajectory.speed_m_s = 1.1;
+    o.trajectory.look_aside_rad = name == "aside" ? -0.5 * std::numbers::pi : 0.0;
+    o.max_duration_s = 90.0 / o.trajectory.speed_m_s;
+    return o;
+  }
   if (name == "office" || name == "plain" || name == "alike" || name == "turning") {
     o.world.kind = WorldKind::kRoom;
     o.trajectory.laps = 1.1;
@@ -119,6 +143,11 @@ absl::StatusOr<Sequence> Sequence::Create(const SequenceOptions& options) {
   sequence.world_ = std::make_unique<World>(std::move(world));
   CAIRN_ASSIGN_OR_RETURN(Renderer renderer, Renderer::Create(*sequence.world_, options.camera, options.effects));
   sequence.renderer_ = std::make_unique<Renderer>(std::move(renderer));
+  if (options.arm_share > 0.0) {
+    CAIRN_ASSIGN_OR_RETURN(Arm arm, Arm::Create(sequence.trajectory_->Pose(0.0), options.arm_share,
+                                                options.trajectory.seed, options.camera, options.effects));
+    sequence.arm_ = std::make_unique<Arm>(std::move(arm));
+  }
   return sequence;
 }
 
@@ -148,7 +177,15 @@ cv::Mat Sequence::Render(int frame) const {
   shot.relative_exposure = shot.exposure_s / options_.exposure_s;
   shot.noise_seed = Derive(Derive(options_.trajectory.seed, static_cast<std::uint64_t>(options_.trajectory.session)),
                            static_cast<std::uint64_t>(frame));
-  return renderer_->Render(shot);
+  cv::Mat image = renderer_->Render(shot);
+  if (arm_) arm_->DrawInto(shot, &image);
+  return image;
+}
+
+cv::Mat Sequence::Depth(int frame) const {
+  cv::Mat depth = renderer_->Depth(WorldFromCamera(frame));
+  if (arm_) arm_->DrawIntoDepth(WorldFromCamera(frame), SecondsOf(frame), &depth);
+  return depth;
 }
 
 }  // namespace cairn::synth

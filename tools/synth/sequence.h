@@ -11,6 +11,7 @@
 #include "base/status.h"
 #include "base/time.h"
 #include "geometry/camera.h"
+#include "synth/arm.h"
 #include "synth/render.h"
 #include "synth/trajectory.h"
 #include "synth/world.h"
@@ -28,6 +29,8 @@ struct SequenceOptions {
   double exposure_s = 0.006;
   // The exposure time swings by about this factor up and down (0.3: from 6 to 4.4 and 8.1 ms); 0: constant.
   double exposure_swing = 0.0;
+  // Something moves before the camera and hides about this share of the view; 0: nothing.
+  double arm_share = 0.0;
   // Of the first image of session 0; later sessions start an hour apart.
   TimeNs first_time_ns = 1600000000000000000;
 
@@ -46,6 +49,12 @@ struct SequenceOptions {
 //   alike     a room furnished from a catalogue: other seeds give other rooms with furniture and posters of the same
 //             few models
 //   turning   the office, seen by a camera that turns about all axes within 0.2 m
+//   desk      furniture from 1.5 m, by a camera that is nearly still but for 5 to 9 and 15 to 18 s, while an arm works
+//   in
+//             a fifth of the view
+//   spin      the office, as by somebody who first turns about for 3 s, fast and blurred, and then walks
+//   aside     a straight corridor of 90 m, seen by a camera that looks at its wall
+//   ahead     the same, looking ahead
 // NotFound lists the names.
 absl::StatusOr<SequenceOptions> Preset(const std::string& name);
 std::vector<std::string> PresetNames();
@@ -77,7 +86,7 @@ class Sequence {
   // CV_8UC1. Thread-safe.
   cv::Mat Render(int frame) const;
   // z in the camera frame in metres, CV_32FC1, 0: nothing there.
-  cv::Mat Depth(int frame) const { return renderer_->Depth(WorldFromCamera(frame)); }
+  cv::Mat Depth(int frame) const;
 
  private:
   Sequence() = default;
@@ -86,6 +95,7 @@ class Sequence {
   std::unique_ptr<World> world_;  // the renderer keeps its address
   std::unique_ptr<Renderer> renderer_;
   std::unique_ptr<Trajectory> trajectory_;
+  std::unique_ptr<Arm> arm_;  // may be none
   int size_ = 0;
 };
 

@@ -186,6 +186,69 @@ TEST(Trajectory, TurningStaysWithinAHandsBreadth) {
   EXPECT_GT(turned_rad, 0.9);
 }
 
+TEST(Trajectory, AtTheDeskIsStillWhereItSaysAndSmooth) {
+  TrajectoryOptions options;
+  options.motion = Motion::kDesk;
+  options.tremor = 0.0;
+  const auto trajectory = Trajectory::Create(WorldOptions(), options);
+  ASSERT_TRUE(trajectory.ok());
+  double fastest_m_s = 0.0, fastest_still_m_s = 0.0;
+  for (double t = 0.0; t < kDeskDuration_s; t += 0.01) {
+    const double m_s = (trajectory->Pose(t + 0.01).translation() - trajectory->Pose(t).translation()).norm() / 0.01;
+    fastest_m_s = std::max(fastest_m_s, m_s);
+    for (const auto& still : kDeskStill_s) {
+      if (t > still[0] + 0.3 && t < still[1] - 0.3) fastest_still_m_s = std::max(fastest_still_m_s, m_s);
+    }
+  }
+  EXPECT_LT(fastest_still_m_s, 1e-9);
+  EXPECT_GT(fastest_m_s, 0.1);
+  EXPECT_LT(fastest_m_s, 0.6) << "no jumps";
+}
+
+TEST(Trajectory, SpinTurnsFastAndHardlyMovesAtFirst) {
+  TrajectoryOptions options;
+  options.motion = Motion::kSpin;
+  const auto trajectory = Trajectory::Create(WorldOptions(), options);
+  ASSERT_TRUE(trajectory.ok());
+  double fastest_rad_s = 0.0, farthest_m = 0.0, jump_m = 0.0;
+  const SE3 start = trajectory->Pose(0.0);
+  for (double t = 0.0; t < kSpin_s + 2.0; t += 0.02) {
+    const SE3 step = trajectory->Pose(t).Inverse() * trajectory->Pose(t + 0.02);
+    jump_m = std::max(jump_m, step.translation().norm());
+    if (t >= kSpin_s) continue;
+    fastest_rad_s = std::max(fastest_rad_s, AngleRad(step.rotation()) / 0.02);
+    farthest_m = std::max(farthest_m, (trajectory->Pose(t).translation() - start.translation()).norm());
+  }
+  EXPECT_GT(fastest_rad_s, 2.0);
+  EXPECT_LT(farthest_m, 0.2);
+  EXPECT_LT(jump_m, 0.02);
+  WorldOptions corridor;
+  corridor.kind = WorldKind::kCorridor;
+  EXPECT_FALSE(Trajectory::Create(corridor, options).ok());
+}
+
+TEST(Arm, HidesAboutItsShareAndMovesOnItsOwn) {
+  SequenceOptions with = Small();
+  with.arm_share = 0.2;
+  const auto sequence = Sequence::Create(with);
+  ASSERT_TRUE(sequence.ok()) << sequence.status();
+  double share = 0.0, moved = 0.0;
+  cv::Mat before;
+  for (int frame = 0; frame < 4; ++frame) {
+    const cv::Mat hidden = sequence->Depth(frame) < Office().Depth(frame) - 0.01;
+    share += cv::countNonZero(hidden) / (4.0 * static_cast<double>(hidden.total()));
+    const cv::Mat differs = sequence->Render(frame) != Office().Render(frame);
+    EXPECT_EQ(cv::countNonZero(differs & ~hidden), 0) << "what it does not hide stays";
+    EXPECT_GT(cv::countNonZero(differs), 0.8 * cv::countNonZero(hidden));
+    if (!before.empty()) moved += cv::countNonZero(before != hidden) / (3.0 * static_cast<double>(hidden.total()));
+    before = hidden;
+  }
+  EXPECT_NEAR(share, 0.2, 0.1);
+  EXPECT_GT(moved, 0.005);
+  with.arm_share = 0.9;
+  EXPECT_FALSE(Sequence::Create(with).ok());
+}
+
 TEST(Walk, IsMeasuredAlongItsLength) {
   // Points on a circle of radius 2: a B-spline of many of them is that circle, a little smaller.
   std::vector<Walk::Waypoint> points;

@@ -69,6 +69,7 @@ absl::Status TrajectoryOptions::Validate() const {
   if (!(laps > 0.0 && laps <= 1000.0)) return bad("laps must be in (0, 1000]");
   if (!(speed_m_s > 0.0 && speed_m_s <= 20.0)) return bad("speed_m_s must be in (0, 20]");
   if (!(tremor >= 0.0 && tremor <= 20.0)) return bad("tremor must be in [0, 20]");
+  if (!std::isfinite(look_aside_rad)) return bad("look_aside_rad must be finite");
   return absl::OkStatus();
 }
 
@@ -80,6 +81,9 @@ absl::StatusOr<Trajectory> Trajectory::Create(const WorldOptions& world, const T
   t.options_ = options;
   Random random(Derive(options.seed, 1000 + static_cast<std::uint64_t>(options.session)));
   const bool room = world.kind == WorldKind::kRoom;
+  if ((options.motion == Motion::kDesk || options.motion == Motion::kSpin) && !room) {
+    return absl::InvalidArgumentError("trajectory: this motion is one in a room");
+  }
   if (options.motion == Motion::kTurn) {
     t.round_m_ = kTurningRound_m;
     t.height_m_ = std::min(1.5, 0.55 * world.size_m.z());
@@ -107,6 +111,8 @@ absl::StatusOr<Trajectory> Trajectory::Create(const WorldOptions& world, const T
     t.start_m_ = 1.5 * t.corner_radius_m_ + 0.4 * options.session;
   }
   t.duration_s_ = options.laps * t.round_m_ / options.speed_m_s;
+  if (options.motion == Motion::kSpin) t.duration_s_ += kSpin_s;
+  if (options.motion == Motion::kDesk) t.duration_s_ = kDeskDuration_s;
 
   // Slow variations along the path: whole numbers of waves a round would make two laps alike, so they are not.
   const auto waves = [&](double amplitude, double longest_m, int count) {
@@ -186,6 +192,37 @@ SE3 Trajectory::Turning(double at_m) const {
   return SE3(level * ExpSO3(Vector3d(0, 0, roll)), middle + 0.2 * (options_.session % 3) * forward + arm);
 }
 
+// From side to side before the south wall, and to and fro; what has passed of the time in which it moves counts.
+SE3 Trajectory::Desk(double time_s) const {
+  constexpr double kEase_s = 0.5;  // in which it comes to rest
+  double moved_s = time_s;
+  for (const auto& still : kDeskStill_s) {
+    // Slower and slower towards the rest, and out of it likewise: the integral of a smooth step down and up.
+    const auto passed = [&](double edge_s) {
+      const double x = std::clamp((time_s - edge_s) / kEase_s, -0.5, 0.5) + 0.5;
+      return kEase_s * x * x * x * (1.0 - 0.5 * x) + std::max(0.0, time_s - edge_s - 0.5 * kEase_s);
+    };
+    moved_s -= passed(still[0]) - passed(still[1]);
+  }
+  const double a = kTurn * moved_s;
+  const Vector3d position(0.5 * world_.size_m.x() + 0.3 * options_.session + 0.22 * std::sin(0.23 * a),
+                          2.2 + 0.10 * std::sin(0.17 * a), 1.3 + 0.12 * std::sin(0.31 * a + 0.4));
+  const double yaw = -0.25 * kTurn + 0.10 * std::sin(0.19 * a), pitch = -0.25 + 0.05 * std::sin(0.29 * a);
+  return {Quaterniond(LookAlong(GazeOf(yaw, pitch))), position};
+}
+
+// About a body's axis, the camera a forearm before it: there is next to no parallax.
+SE3 Trajectory::Spin(double time_s) const {
+  Vector3d position = Vector3d::Zero(), gaze = Vector3d::UnitX();
+  Room(options_.speed_m_s * std::max(0.0, time_s - kSpin_s), position, gaze);
+  const double share = std::clamp(time_s / kSpin_s, 0.0, 1.0);
+  const double still = std::sin(0.5 * kTurn * share);  // at both ends
+  const double turn = 1.1 * still * still * std::sin(2.0 * kTurn * share), arm_m = 0.12;
+  const Matrix3d turned = ExpSO3(Vector3d(0, 0, turn)).toRotationMatrix();
+  const Vector3d forearm = arm_m * Vector3d(gaze.x(), gaze.y(), 0.0).normalized();
+  return {Quaterniond(LookAlong(turned * gaze)), position - forearm + turned * forearm};
+}
+
 // The middle of the corridor, round the corners on arcs, counter-clockwise from the south-west.
 Vector3d Trajectory::Centerline(double at_m) const {
   const double half = 0.5 * world_.corridor_width_m, r = corner_radius_m_;
@@ -215,7 +252,8 @@ void Trajectory::Corridor(double at_m, Vector3d& position, Vector3d& gaze) const
   position = Centerline(at) + Sum(sway_[0], at_m) * aside + Vector3d(0, 0, height_m_ + Sum(sway_[2], at_m));
   // One looks where one will be: turns begin before the corner and are slow.
   const Vector3d look = (Centerline(at + 1.3) - Centerline(at - 0.5)).normalized();
-  gaze = GazeOf(std::atan2(look.y(), look.x()) + Sum(gaze_[0], at_m), -0.06 + Sum(gaze_[1], at_m));
+  gaze = GazeOf(std::atan2(look.y(), look.x()) + options_.look_aside_rad + Sum(gaze_[0], at_m),
+                -0.06 + Sum(gaze_[1], at_m));
 }
 
 SE3 Trajectory::Pose(double time_s) const {
@@ -224,6 +262,10 @@ SE3 Trajectory::Pose(double time_s) const {
   SE3 pose;
   if (options_.motion == Motion::kTurn) {
     pose = Turning(at_m);
+  } else if (options_.motion == Motion::kDesk) {
+    pose = Desk(time_s);
+  } else if (options_.motion == Motion::kSpin) {
+    pose = Spin(time_s);
   } else {
     switch (world_.kind) {
       case WorldKind::kRoom:

@@ -15,6 +15,8 @@ namespace cairn::synth {
 
 enum class Motion {
   kWalk,  // through a room, a corridor, or from room to room
+  kDesk,  // before the furniture of a wall, nearly still but for 5 to 9 and 15 to 18 s
+  kSpin,  // turns about fast for 3 s where it stands, then walks through a room
   kTurn,  // stands in the middle of a room and turns the camera about all axes, its centre within 0.15 m
 };
 
@@ -29,11 +31,18 @@ struct TrajectoryOptions {
   double laps = 1.0;
   // Mean speed along the path; a room's round is about 8 m. One who turns does a round in as long as 8 m take.
   double speed_m_s = 0.5;
+  // To the left of where one looks while walking through a corridor.
+  double look_aside_rad = 0.0;
   // Of the tremor of the hand: 1 is some 4 mm and 0.3 degrees; 0 is a rail.
   double tremor = 1.0;
 
   absl::Status Validate() const;
 };
+
+// When a camera of Motion::kDesk is still, and how long one of Motion::kSpin turns.
+inline constexpr double kDeskStill_s[3][2] = {{0.0, 5.0}, {9.0, 15.0}, {18.0, 22.0}};
+inline constexpr double kDeskDuration_s = 22.0;
+inline constexpr double kSpin_s = 3.0;
 
 class Trajectory {
  public:
@@ -56,6 +65,8 @@ class Trajectory {
   void Corridor(double at_m, Vector3d& position, Vector3d& gaze) const;
   void Rooms(double at_m, Vector3d& position, Vector3d& gaze) const;
   SE3 Turning(double at_m) const;
+  SE3 Desk(double time_s) const;
+  SE3 Spin(double time_s) const;
   Vector3d Centerline(double at_m) const;
 
   WorldOptions world_;
