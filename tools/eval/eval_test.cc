@@ -181,6 +181,26 @@ TEST(Rpe, ABodysOrientationsAreTurnedToTheCameras) {
   EXPECT_EQ(nothing->per_delta[0].rotation_rad.count, 0);
 }
 
+// A GPS track of a drive straight ahead: the camera hardly turns, so that orientations that are all the same agree with
+// it, but not with the direction of the positions.
+TEST(Rpe, ADriveStraightAheadHasNoOrientationsInAGpsTrack) {
+  Random random(4);
+  std::vector<io::StampedPose> gps, est;
+  for (int i = 0; i < 100; ++i) {
+    const double t = 0.1 * i;
+    const Quaterniond wobble = ExpSO3(0.0035 * Vector3d(std::sin(2.0 * t), std::sin(1.3 * t + 1.0), std::sin(2.7 * t)));
+    const Vector3d at(0.02 * std::sin(t), 0.01 * std::cos(t), 0.03 * i);
+    est.push_back({FromSeconds(t), SE3(wobble, at)});
+    const Vector3d noise = 0.05 * Vector3d(random.Normal(), random.Normal(), random.Normal());
+    gps.push_back({FromSeconds(t), SE3(Quaterniond::Identity(), 10.0 * Vector3d(at.z(), -at.x(), -at.y()) + noise)});
+  }
+  const auto result = EvaluateRpe(est, gps);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->orientations.kind, OrientationKind::kOtherFrame);
+  EXPECT_LT(result->per_delta[0].translation_m.rmse, 0.2) << "the noise of two positions";
+  EXPECT_EQ(result->per_delta[0].rotation_rad.count, 0);
+}
+
 TEST(Rpe, DriftOfOnePercentInScale) {
   // A path along z whose estimate grows faster and faster: the scale is right on the whole, not in the parts.
   std::vector<io::StampedPose> gt, est;

@@ -25,7 +25,8 @@ struct Pair {
   double time_s = 0.0;
   double path_m = 0.0;  // along the ground truth
   SE3 estimate;         // scaled
-  SE3 groundtruth;
+  SE3 groundtruth;      // in the frame of its positions
+  Quaterniond turned;   // the reference's orientation of the camera, in whatever frame that is
 };
 
 // The associated poses with the length of the true path up to each, over all ground-truth samples in between.
@@ -40,12 +41,14 @@ std::vector<Pair> MakePairs(std::span<const io::StampedPose> est, std::span<cons
   for (const Association& a : associations) {
     const SE3& pose = est[a.estimate].world_from_camera;
     pairs.push_back({ToSeconds(est[a.estimate].time_ns - est.front().time_ns), path_m[a.groundtruth],
-                     SE3(pose.rotation(), scale * pose.translation()), gt[a.groundtruth].world_from_camera});
+                     SE3(pose.rotation(), scale * pose.translation()), gt[a.groundtruth].world_from_camera,
+                     gt[a.groundtruth].world_from_camera.rotation()});
   }
   return pairs;
 }
 
-// Gives the ground truth orientations of the camera. False if it has none.
+// Gives the ground truth orientations of the camera, those of the estimate where its own are not in the frame of its
+// positions. False if it has none that tell of turns.
 bool MakeComparable(std::vector<Pair>& pairs, const PairedPoses& poses, OrientationAgreement* orientations) {
   const auto alignment = AlignPoses(poses.groundtruth, poses.estimate);
   if (!alignment.ok()) {
@@ -53,15 +56,15 @@ bool MakeComparable(std::vector<Pair>& pairs, const PairedPoses& poses, Orientat
     return true;
   }
   *orientations = alignment->orientations;
-  const bool comparable = alignment->orientations_used || orientations->kind == OrientationKind::kOtherFrame;
   for (Pair& pair : pairs) {
-    if (comparable) {
-      pair.groundtruth = WithMount(pair.groundtruth, orientations->camera_from_body);
-    } else {
-      pair.groundtruth = SE3(alignment->a_from_b.rotation() * pair.estimate.rotation(), pair.groundtruth.translation());
-    }
+    const SE3 of_camera = WithMount(pair.groundtruth, orientations->camera_from_body);
+    pair.turned = of_camera.rotation();
+    pair.groundtruth = alignment->orientations_used ? of_camera
+                                                    : SE3(alignment->a_from_b.rotation() * pair.estimate.rotation(),
+                                                          pair.groundtruth.translation());
   }
-  return comparable;
+  // A camera that hardly turns agrees with orientations that mean nothing.
+  return alignment->orientations_used || (orientations->kind == OrientationKind::kOtherFrame && orientations->turns);
 }
 
 double Span(const Pair& from, const Pair& to, std::size_t frames, RpeUnit unit) {
@@ -92,7 +95,8 @@ RpeResult EvaluateDelta(std::span<const Pair> pairs, double delta, RpeUnit unit)
     const SE3 motion = pairs[i].estimate.Inverse() * pairs[j].estimate;
     const SE3 error = true_motion.Inverse() * motion;
     translation_m.push_back(error.translation().norm());
-    rotation_rad.push_back(AngleRad(error.rotation()));
+    const Quaterniond turn = pairs[i].turned.conjugate() * pairs[j].turned;
+    rotation_rad.push_back(AngleRad(turn.conjugate() * motion.rotation()));
     error_sum_m += translation_m.back();
     length_sum_m += pairs[j].path_m - pairs[i].path_m;
   }
