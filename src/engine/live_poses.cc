@@ -1,5 +1,6 @@
 #include "engine/live_poses.h"
 
+#include <algorithm>
 #include <unordered_map>
 #include <utility>
 
@@ -44,11 +45,11 @@ std::unordered_map<std::int64_t, ComponentId> ComponentsOfSegments(const map::Sn
 }  // namespace
 
 void LivePoses::Publish(std::shared_ptr<const map::Snapshot> map, const mapping::KeyframeTrajectory& trajectory,
-                        bool refined) {
+                        std::optional<mapping::MapMemoryOptions> memory) {
   auto state = std::make_shared<State>();
   state->map = std::move(map);
   state->trajectory = trajectory;
-  state->refined = refined;
+  state->memory = memory;
   const auto& entries = state->trajectory.entries();
   for (auto entry = entries.rbegin(); entry != entries.rend() && state->segment < 0; ++entry) {
     const map::Keyframe* reference = entry->reference ? state->map->keyframes().Find(entry->reference) : nullptr;
@@ -68,7 +69,7 @@ std::shared_ptr<const LivePoses::State> LivePoses::Current() const {
   return state_;
 }
 
-PosesInMap LivePoses::All(const direct::Odometry& odometry) const {
+PosesInMap LivePoses::All(const direct::Odometry& odometry, bool assess) const {
   // The state first: the odometry's history then has all its keyframes.
   const std::shared_ptr<const State> state = Current();
   const direct::PoseHistory history = odometry.Poses();
@@ -76,15 +77,27 @@ PosesInMap LivePoses::All(const direct::Odometry& odometry) const {
   std::unordered_map<std::int64_t, ComponentId> component_of;
   if (state) {
     component_of = ComponentsOfSegments(*state->map, state->trajectory);
-    poses.keyframes = Completed(state->trajectory, history.keyframes).Resolve(*state->map);
-    if (!state->refined) poses.keyframes = mapping::DirectTrajectory(poses.keyframes);
+    const mapping::KeyframeTrajectory completed = Completed(state->trajectory, history.keyframes);
+    const std::vector<mapping::TrajectoryKeyframe> refined = completed.Resolve(*state->map);
+    std::vector<mapping::Stretch> direct;
+    if (state->memory) direct = mapping::DirectStretches(completed.entries(), *state->map, *state->memory);
+    poses.keyframes = mapping::WithDirectStretches(refined, direct);
+    if (assess) poses.quality = mapping::AssessTrajectory(state->map, refined, poses.keyframes, direct);
   }
   poses.frames.reserve(history.frames.size());
   for (const direct::FrameResult& frame : history.frames) {
-    FramePose pose = {frame.index, frame.time_ns, frame.state, mapping::PoseOfFrame(poses.keyframes, frame), {}};
+    FramePose pose = {frame.index, frame.time_ns, frame.state, mapping::PoseOfFrame(poses.keyframes, frame),
+                      {},          0.0,           {}};
     if (pose.map_from_camera) {
       const auto found = component_of.find(history.keyframes[static_cast<std::size_t>(frame.keyframe)].segment);
       if (found != component_of.end()) pose.component = found->second;
+      pose.quality = frame.quality;
+    }
+    if (pose.map_from_camera && poses.quality) {
+      pose.quality = std::min(pose.quality, poses.quality->quality);
+      const auto keyframe =
+          std::ranges::lower_bound(poses.keyframes, frame.keyframe, {}, &mapping::TrajectoryKeyframe::direct_keyframe);
+      pose.sigma = poses.quality->keyframes[static_cast<std::size_t>(keyframe - poses.keyframes.begin())];
     }
     poses.frames.push_back(std::move(pose));
   }

@@ -12,6 +12,8 @@
 #include "direct/odometry.h"
 #include "map/snapshot.h"
 #include "mapping/keyframe_trajectory.h"
+#include "mapping/map_memory.h"
+#include "mapping/trajectory_quality.h"
 
 namespace cairn::engine {
 
@@ -22,6 +24,10 @@ struct FramePose {
   direct::TrackingState state = direct::TrackingState::kInitializing;
   std::optional<SE3> map_from_camera;
   ComponentId component;  // in whose frame the pose is; none without a pose
+  // 0 to 1: of the tracking of the frame (direct::FrameResult::quality), at the end of a session no more than that of
+  // the trajectory (mapping/trajectory_quality.h). Below mapping::kQualityLimit it is not to be relied on.
+  double quality = 0.0;
+  mapping::KeyframeSigma sigma;  // at the end of a session
 };
 
 // Of a frame that was just tracked, as far as was known then.
@@ -40,16 +46,19 @@ struct LivePose {
 struct PosesInMap {
   std::vector<FramePose> frames;
   std::vector<mapping::TrajectoryKeyframe> keyframes;
+  std::optional<mapping::TrajectoryQuality> quality;
 };
 
 class LivePoses {
  public:
-  // By the thread of the feature module. `refined`: which of the two trajectories is reported (mapping/collinearity.h).
-  // O(keyframes), some microseconds per hundred.
-  void Publish(std::shared_ptr<const map::Snapshot> map, const mapping::KeyframeTrajectory& trajectory, bool refined);
+  // By the thread of the feature module. `memory`: by which the odometry's trajectory is reported in parts
+  // (mapping/map_memory.h); none: nowhere. O(keyframes), some microseconds per hundred.
+  void Publish(std::shared_ptr<const map::Snapshot> map, const mapping::KeyframeTrajectory& trajectory,
+               std::optional<mapping::MapMemoryOptions> memory);
 
   // Every frame so far. Keyframes that the feature module has not had yet are placed by the odometry's motion.
-  PosesInMap All(const direct::Odometry& odometry) const;
+  // `assess`: also how sure they are, which takes longer.
+  PosesInMap All(const direct::Odometry& odometry, bool assess = false) const;
   // One frame that was just tracked, by the odometry's motion since the last keyframe that was found in the map; none
   // while its segment has no such keyframe. O(1). The refined trajectory in any case.
   std::optional<LivePose> Of(const direct::FrameResult& frame) const;
@@ -58,7 +67,7 @@ class LivePoses {
   struct State {
     std::shared_ptr<const map::Snapshot> map;
     mapping::KeyframeTrajectory trajectory;
-    bool refined = true;
+    std::optional<mapping::MapMemoryOptions> memory;
     // The last keyframe that was found in the map.
     std::int64_t segment = -1;
     ComponentId component;

@@ -25,6 +25,7 @@ SessionMapper::SessionMapper(const SessionOptions& options, SessionHead* head, S
       mapper_(std::move(mapper)),
       loops_(std::move(loops)),
       collinearity_(options.collinearity),
+      memory_(options.UsedMemory()),
       where_(session) {}
 
 absl::Status SessionMapper::MapKeyframe(const direct::KeyframePacket& packet) {
@@ -37,7 +38,7 @@ absl::Status SessionMapper::MapKeyframe(const direct::KeyframePacket& packet) {
   if (loops_->joins().size() > joins) {
     where_.Joined(report.time_ns, loops_->joins().back(), mapper_->component(), *mapper_->map());
   }
-  poses_.Publish(mapper_->map(), mapper_->trajectory(), ChooseTrajectory().refined);
+  poses_.Publish(mapper_->map(), mapper_->trajectory(), Memory());
   where_.IsIn(mapper_->component());
   return absl::OkStatus();
 }
@@ -57,9 +58,12 @@ absl::Status SessionMapper::Finish(const direct::Odometry& odometry) {
   }
   mapper_->ReviseDirectPoses(direct_poses);
   CAIRN_RETURN_IF_ERROR(mapper_->Finish());
-  const mapping::TrajectoryChoice choice = ChooseTrajectory();
-  trajectory_ = {choice.refined, choice.keyframes, choice.collinear, choice.reason};
-  poses_.Publish(mapper_->map(), mapper_->trajectory(), trajectory_.refined);
+  std::vector<mapping::Stretch> direct;
+  const std::vector<mapping::KeyframeTrajectory::Entry>& entries = mapper_->trajectory().entries();
+  if (Memory()) direct = mapping::DirectStretches(entries, *mapper_->map(), memory_);
+  const mapping::TrajectoryChoice choice = mapping::ChooseTrajectory(entries, direct, LoopClosed(), LensCorrected());
+  trajectory_ = {choice.refined, collinearity_.keyframes(), collinearity_.collinear(), choice.reason};
+  poses_.Publish(mapper_->map(), mapper_->trajectory(), Memory());
   return absl::OkStatus();
 }
 
@@ -70,18 +74,19 @@ void SessionMapper::OnChange(const tracking::MapView& before, const map::Delta& 
   if (!scales.empty()) loops_->OnCorrection();
 }
 
-mapping::TrajectoryChoice SessionMapper::ChooseTrajectory() const {
-  return collinearity_.Choose(!loops_->loops().empty() || !loops_->joins().empty(),
-                              mapper_->lens() && mapper_->lens()->applied);
+std::optional<mapping::MapMemoryOptions> SessionMapper::Memory() const {
+  if (LoopClosed() || LensCorrected()) return std::nullopt;
+  return memory_;
 }
 
 void SessionMapper::Fill(const OdometryRunner& runner, SessionReport* report) const {
   report->component = mapper_->component();
   report->lens = mapper_->lens();
   report->trajectory = trajectory_;
-  PosesInMap poses = poses_.All(runner.odometry());
+  PosesInMap poses = poses_.All(runner.odometry(), /*assess=*/true);
   report->keyframe_poses = std::move(poses.keyframes);
   report->frame_poses = std::move(poses.frames);
+  report->quality = std::move(poses.quality);
   const Whereabouts where = Where();
   if (where.joined_ns) report->located = where.located;
   report->join_times_ns = where_.join_times_ns();

@@ -24,6 +24,7 @@
 #include "map/entities.h"
 #include "mapping/collinearity.h"
 #include "mapping/feature_mapper.h"
+#include "mapping/map_memory.h"
 
 namespace cairn::engine {
 
@@ -48,7 +49,7 @@ class SessionMapper final : public LiveMap::Listener {
   // Why no keyframe is in the map, for people: "the feature module could not start: ...".
   std::string WhyNoMap() const { return statistics_.WhyNoMap(); }
   bool HasMapped() const { return mapper_->component().valid(); }
-  // Which trajectory is reported; once finished.
+  // Which trajectory is reported (mapping/map_memory.h); once finished.
   const map::ReportedTrajectory& trajectory() const { return trajectory_; }
   // What belongs into the report of the session; once finished.
   void Fill(const OdometryRunner& runner, SessionReport* report) const;
@@ -59,12 +60,16 @@ class SessionMapper final : public LiveMap::Listener {
  private:
   SessionMapper(const SessionOptions& options, SessionHead* head, SessionId session,
                 std::unique_ptr<mapping::FeatureMapper> mapper, std::unique_ptr<LoopRunner> loops);
-  mapping::TrajectoryChoice ChooseTrajectory() const;
+  bool LoopClosed() const { return !loops_->loops().empty() || !loops_->joins().empty(); }
+  bool LensCorrected() const { return mapper_->lens() && mapper_->lens()->applied; }
+  // As far as the odometry's trajectory may be reported; none where it knows less than the map.
+  std::optional<mapping::MapMemoryOptions> Memory() const;
 
   SessionHead* const head_;
   const std::unique_ptr<mapping::FeatureMapper> mapper_;
   const std::unique_ptr<LoopRunner> loops_;
   mapping::CollinearityCounter collinearity_;
+  const mapping::MapMemoryOptions memory_;
   map::ReportedTrajectory trajectory_;
   SessionStatistics statistics_;
   LivePoses poses_;

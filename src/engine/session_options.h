@@ -7,6 +7,7 @@
 #include "mapping/component_join.h"
 #include "mapping/feature_mapper_options.h"
 #include "mapping/loop_options.h"
+#include "mapping/map_memory.h"
 
 namespace cairn::engine {
 
@@ -21,12 +22,14 @@ struct SessionOptions {
   mapping::LoopOptions loops;
   mapping::JoinOptions joins;
   mapping::CollinearityOptions collinearity;
-  int packet_queue_limit = 5;  // keyframes waiting for an older one (paper Sec. V)
-  int mapping_backlog = 8;     // packets waiting for the feature module; the odometry then waits for it
+  mapping::MapMemoryOptions memory;  // its window is the odometry's
+  int packet_queue_limit = 5;        // keyframes waiting for an older one (paper Sec. V)
+  int mapping_backlog = 8;           // packets waiting for the feature module; the odometry then waits for it
   // So many frames without a pose, and the feature module is asked where the camera is in the map (0: never). It looks
   // at one image at a time, the longer the search the more rarely, and only in a map with a vocabulary.
   int seek_after_frames = 2;
   int UsedThreads() const { return deterministic ? 1 : threads; }
+  mapping::MapMemoryOptions UsedMemory() const { return {odometry.max_keyframes, memory.min_share}; }
   absl::Status Validate() const;
 };
 

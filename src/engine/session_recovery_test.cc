@@ -112,7 +112,7 @@ SessionOptions Options(int threads) {
   options.deterministic = threads == 0;
   options.threads = std::max(threads, 1);
   options.odometry.max_lost_frames = 100000;  // no start without the map
-  options.collinearity.max_collinear_share = 1.0;
+  options.memory.min_share = 0.0;             // the refined trajectory
   return options;
 }
 

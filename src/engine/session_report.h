@@ -55,6 +55,7 @@ struct SessionReport {
   std::optional<mapping::LensReport> lens;  // what the map says of the camera's lens
   map::ReportedTrajectory trajectory;       // which of the two the frame poses below follow, and why
   std::vector<FramePose> frame_poses;
+  std::optional<mapping::TrajectoryQuality> quality;        // of the trajectory as a whole
   std::vector<mapping::TrajectoryKeyframe> keyframe_poses;  // likewise
 };
 

@@ -10,7 +10,6 @@ absl::Status CollinearityOptions::Validate() const {
   const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("collinearity: ", what)); };
   if (min_shared_points < 1) return bad("min_shared_points must be at least 1");
   if (!(min_angle_deg > 0.0 && min_angle_deg < 90.0)) return bad("min_angle_deg must be in (0, 90)");
-  if (!(max_collinear_share >= 0.0 && max_collinear_share <= 1.0)) return bad("max_collinear_share must be in [0, 1]");
   if (first_keyframes < 0) return bad("first_keyframes must not be negative");
   return absl::OkStatus();
 }
@@ -49,24 +48,6 @@ void CollinearityCounter::Update(const map::Snapshot& map, KeyframeId id) {
       collinear_.erase(edge.keyframe);
     }
   }
-}
-
-TrajectoryChoice CollinearityCounter::Choose(bool loop_closed, bool lens_corrected) const {
-  TrajectoryChoice choice;
-  choice.keyframes = keyframes_;
-  choice.collinear = static_cast<int>(collinear_.size());
-  if (keyframes_ > 0) choice.collinear_share = static_cast<double>(choice.collinear) / keyframes_;
-  choice.refined = loop_closed || lens_corrected || choice.collinear_share < options_.max_collinear_share;
-  const std::string share =
-      absl::StrCat(choice.collinear, " of ", keyframes_, " keyframes have collinear covisibility links");
-  if (loop_closed) {
-    choice.reason = "refined: a loop was closed";
-  } else if (lens_corrected) {
-    choice.reason = "refined: the lens was corrected, which the odometry did not know";
-  } else {
-    choice.reason = absl::StrCat(choice.refined ? "refined: only " : "direct: ", share);
-  }
-  return choice;
 }
 
 }  // namespace cairn::mapping

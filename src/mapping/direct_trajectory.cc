@@ -12,6 +12,7 @@ namespace {
 // Length of the axes that stand for the orientation of a camera, against the spread of the positions: they decide how a
 // straight path is turned about itself, and little else.
 constexpr double kAxisShare = 0.1;
+constexpr std::size_t kBeside = 12;  // keyframes on each side of a stretch that tell its scale
 
 // Root mean square distance from the mean.
 double Spread(std::span<const SE3> poses) {
@@ -50,20 +51,36 @@ std::optional<Sim3> MapFromDirect(std::span<const TrajectoryKeyframe> segment) {
 
 }  // namespace
 
-std::vector<TrajectoryKeyframe> DirectTrajectory(const std::vector<TrajectoryKeyframe>& refined) {
-  std::vector<TrajectoryKeyframe> direct = refined;
-  for (std::size_t begin = 0, end = 0; begin < direct.size(); begin = end) {
-    end = begin;
-    while (end < direct.size() && direct[end].segment == direct[begin].segment) ++end;
-    const auto map_from_direct = MapFromDirect(std::span(refined).subspan(begin, end - begin));
+std::vector<TrajectoryKeyframe> WithDirectStretches(const std::vector<TrajectoryKeyframe>& refined,
+                                                    std::span<const Stretch> stretches) {
+  std::vector<TrajectoryKeyframe> mixed = refined;
+  const std::span<const TrajectoryKeyframe> all(refined);
+  for (const Stretch& stretch : stretches) {
+    const std::size_t begin = stretch.begin, end = stretch.end;
+    const auto map_from_direct = MapFromDirect(all.subspan(begin, end - begin));
     if (!map_from_direct) continue;
-    for (std::size_t i = begin; i < end; ++i) {
-      direct[i].map_from_camera = map_from_direct->TransformPose(direct[i].direct_from_camera);
-      direct[i].map_per_direct = map_from_direct->scale();
-      direct[i].located = true;
+    const auto continues = [&](std::size_t beside) {
+      return refined[beside].located && refined[beside].segment == refined[begin].segment;
+    };
+    const bool has_before = begin > 0 && continues(begin - 1), has_after = end < refined.size() && continues(end);
+    double scale = map_from_direct->scale();
+    if (has_before && has_after) {
+      // What the map makes of the stretch is in doubt, what it makes of both sides is not.
+      std::size_t first = begin, last = end;
+      while (first > 0 && begin - first < kBeside && continues(first - 1)) --first;
+      while (last < refined.size() && last - end < kBeside && continues(last)) ++last;
+      const auto before = MapFromDirect(all.subspan(first, begin - first));
+      const auto after = MapFromDirect(all.subspan(end, last - end));
+      if (before && after) scale = std::sqrt(before->scale() * after->scale());
     }
+    for (std::size_t i = begin; i < end; ++i) {
+      mixed[i].map_from_camera = map_from_direct->TransformPose(mixed[i].direct_from_camera);
+      mixed[i].map_per_direct = scale;
+      mixed[i].located = true;
+    }
+    FillByDirectMotion(mixed, begin, end, has_before, has_after);
   }
-  return direct;
+  return mixed;
 }
 
 std::vector<KeyframeRotation> DirectRotations(const std::vector<KeyframeTrajectory::Entry>& entries,

@@ -33,7 +33,17 @@ double Distance(const SE3& a, const SE3& b) {
   return (a.translation() - b.translation()).norm() + AngleRad(a.rotation() * b.rotation().conjugate());
 }
 
-TEST(DirectTrajectory, FindsTheExactSimilarityOnAStraightLine) {
+// Each segment as a stretch.
+std::vector<TrajectoryKeyframe> DirectTrajectory(const std::vector<TrajectoryKeyframe>& refined) {
+  std::vector<Stretch> segments;
+  for (std::size_t begin = 0, end = 0; begin < refined.size(); begin = end) {
+    while (end < refined.size() && refined[end].segment == refined[begin].segment) ++end;
+    segments.push_back({begin, end});
+  }
+  return WithDirectStretches(refined, segments);
+}
+
+TEST(DirectStretches, FindsTheExactSimilarityOnAStraightLine) {
   std::vector<TrajectoryKeyframe> refined = StraightLine(20, 0, kMapFromDirect);
   refined[7].located = false;
   refined[7].map_from_camera = SE3();
@@ -55,7 +65,7 @@ TEST(DirectTrajectory, FindsTheExactSimilarityOnAStraightLine) {
   EXPECT_LT(Distance(*pose, expected), 1e-9);
 }
 
-TEST(DirectTrajectory, KeepsTheShapeOfTheDirectOne) {
+TEST(DirectStretches, KeepsTheShapeOfTheDirectOne) {
   std::vector<TrajectoryKeyframe> refined = StraightLine(30, 0, kMapFromDirect);
   Random random(5);
   for (TrajectoryKeyframe& keyframe : refined) {
@@ -75,7 +85,7 @@ TEST(DirectTrajectory, KeepsTheShapeOfTheDirectOne) {
   EXPECT_LT(farthest, 0.1);
 }
 
-TEST(DirectTrajectory, PlacesEachSegmentByItself) {
+TEST(DirectStretches, PlacesEachSegmentByItself) {
   const Sim3 other(ExpSO3(Vector3d(-0.3, 0.1, 0.2)), Vector3d(0, 7, 0), 0.4);
   std::vector<TrajectoryKeyframe> refined = StraightLine(6, 0, kMapFromDirect);
   for (const TrajectoryKeyframe& keyframe : StraightLine(6, 1, other)) refined.push_back(keyframe);
@@ -89,6 +99,33 @@ TEST(DirectTrajectory, PlacesEachSegmentByItself) {
     EXPECT_LT(Distance(direct[i].map_from_camera, refined[i].map_from_camera), 1e-9) << i;
   }
   EXPECT_TRUE(DirectTrajectory({}).empty());
+}
+
+// The refined keyframes of the stretch have noise: it keeps the direct shape, and hangs on what is beside it without a
+// break, on both sides or at an end.
+TEST(DirectStretches, HangOnTheRefinedKeyframesBesideThem) {
+  std::vector<TrajectoryKeyframe> exact = StraightLine(30, 0, kMapFromDirect);
+  for (TrajectoryKeyframe& keyframe : exact) keyframe.map_per_direct = kMapFromDirect.scale();
+  for (const Stretch stretch : {Stretch{10, 20}, Stretch{20, 30}, Stretch{0, 10}}) {
+    std::vector<TrajectoryKeyframe> refined = exact;
+    Random random(6);
+    double noise = 0.0, left = 0.0;
+    for (std::size_t i = stretch.begin; i < stretch.end; ++i) {
+      Vector6d x;
+      for (int k = 0; k < 6; ++k) x[k] = 0.02 * random.Normal();
+      refined[i].map_from_camera = refined[i].map_from_camera * SE3::Exp(x);
+      noise += Distance(refined[i].map_from_camera, exact[i].map_from_camera);
+    }
+    const std::vector<TrajectoryKeyframe> mixed = WithDirectStretches(refined, std::vector{stretch});
+    for (std::size_t i = 0; i < refined.size(); ++i) {
+      if (i < stretch.begin || i >= stretch.end) {
+        EXPECT_LT(Distance(mixed[i].map_from_camera, refined[i].map_from_camera), 1e-12) << i;
+      } else {
+        left += Distance(mixed[i].map_from_camera, exact[i].map_from_camera);
+      }
+    }
+    EXPECT_LT(left, 0.3 * noise) << stretch.begin;
+  }
 }
 
 TEST(DirectRotations, AreBetweenTheKeyframesOfTheMapThatFollowEachOther) {

@@ -41,35 +41,6 @@ void FillScales(const std::vector<KeyframeTrajectory::Entry>& entries, std::vect
   }
 }
 
-// Poses of [begin, end), which have none, from the located neighbours at begin - 1 and end (either may be missing).
-void FillGap(std::vector<TrajectoryKeyframe>& keyframes, std::size_t begin, std::size_t end, bool has_before,
-             bool has_after) {
-  // Forward from the one before.
-  if (has_before) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const double scale = std::sqrt(keyframes[i - 1].map_per_direct * keyframes[i].map_per_direct);
-      keyframes[i].map_from_camera = Carry(keyframes[i - 1], keyframes[i].direct_from_camera, scale);
-      keyframes[i].located = true;
-    }
-    if (!has_after) return;
-    const TrajectoryKeyframe& last = keyframes[end - 1];
-    const TrajectoryKeyframe& after = keyframes[end];
-    const SE3 predicted = Carry(last, after.direct_from_camera, std::sqrt(last.map_per_direct * after.map_per_direct));
-    for (std::size_t i = begin; i < end; ++i) {
-      const double share = Share(keyframes[begin - 1].time_ns, keyframes[i].time_ns, after.time_ns);
-      SE3& pose = keyframes[i].map_from_camera;
-      pose = SpreadDifference(pose, predicted, after.map_from_camera, share);
-    }
-    return;
-  }
-  if (!has_after) return;
-  for (std::size_t i = end; i-- > begin;) {
-    const double scale = std::sqrt(keyframes[i].map_per_direct * keyframes[i + 1].map_per_direct);
-    keyframes[i].map_from_camera = Carry(keyframes[i + 1], keyframes[i].direct_from_camera, scale);
-    keyframes[i].located = true;
-  }
-}
-
 }  // namespace
 
 const char* FeatureStateName(FeatureState state) {
@@ -143,10 +114,38 @@ std::vector<TrajectoryKeyframe> KeyframeTrajectory::Resolve(const map::Snapshot&
     const bool has_before = i > 0 && resolved[i - 1].located && resolved[i - 1].segment == resolved[i].segment;
     const bool has_after =
         end < resolved.size() && resolved[end].located && resolved[end].segment == resolved[i].segment;
-    FillGap(resolved, i, end, has_before, has_after);
+    FillByDirectMotion(resolved, i, end, has_before, has_after);
     i = end;
   }
   return resolved;
+}
+
+void FillByDirectMotion(std::vector<TrajectoryKeyframe>& keyframes, std::size_t begin, std::size_t end, bool has_before,
+                        bool has_after) {
+  // Forward from the one before.
+  if (has_before) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const double scale = std::sqrt(keyframes[i - 1].map_per_direct * keyframes[i].map_per_direct);
+      keyframes[i].map_from_camera = Carry(keyframes[i - 1], keyframes[i].direct_from_camera, scale);
+      keyframes[i].located = true;
+    }
+    if (!has_after) return;
+    const TrajectoryKeyframe& last = keyframes[end - 1];
+    const TrajectoryKeyframe& after = keyframes[end];
+    const SE3 predicted = Carry(last, after.direct_from_camera, std::sqrt(last.map_per_direct * after.map_per_direct));
+    for (std::size_t i = begin; i < end; ++i) {
+      const double share = Share(keyframes[begin - 1].time_ns, keyframes[i].time_ns, after.time_ns);
+      SE3& pose = keyframes[i].map_from_camera;
+      pose = SpreadDifference(pose, predicted, after.map_from_camera, share);
+    }
+    return;
+  }
+  if (!has_after) return;
+  for (std::size_t i = end; i-- > begin;) {
+    const double scale = std::sqrt(keyframes[i].map_per_direct * keyframes[i + 1].map_per_direct);
+    keyframes[i].map_from_camera = Carry(keyframes[i + 1], keyframes[i].direct_from_camera, scale);
+    keyframes[i].located = true;
+  }
 }
 
 std::optional<SE3> PoseOfFrame(const std::vector<TrajectoryKeyframe>& keyframes, const direct::FrameResult& frame) {

@@ -70,6 +70,11 @@ class KeyframeTrajectory {
   std::vector<Entry> entries_;
 };
 
+// Poses of [begin, end) by scaled direct motion from the located keyframes beside them, at begin - 1 and at end:
+// between both the difference is spread evenly over time. Nothing changes with neither.
+void FillByDirectMotion(std::vector<TrajectoryKeyframe>& keyframes, std::size_t begin, std::size_t end, bool has_before,
+                        bool has_after);
+
 // The pose in the map of any frame of the direct module, from the resolved keyframes (in temporal order): by scaled
 // motion from its reference keyframe, with the difference that this leaves at the next keyframe of the segment spread
 // evenly over the time between. Nothing if the frame has no reference keyframe, or that is not located.

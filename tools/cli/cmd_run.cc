@@ -57,6 +57,10 @@ void AddRunCommand(CLI::App& app, Action* action) {
   extend->excludes(name);
   verb->add_option("--trajectory", options->trajectory,
                    "Write the final pose of every frame to this file (TUM format)");
+  CLI::Option* quality = verb->add_option("--quality", options->quality,
+                                          "Write how sure each pose of the trajectory is to this file (CSV: t, "
+                                          "quality, sigma_position, sigma_rotation_deg). "
+                                          "Poses of a quality below 0.5 are not to be relied on");
   CLI::Option* live_poses = verb->add_option(
       "--live-poses", options->live_poses,
       "Write the pose of each frame in the map to this file as soon as it is tracked (TUM format, a "
@@ -102,9 +106,10 @@ void AddRunCommand(CLI::App& app, Action* action) {
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   poses->excludes(live_poses);
+  poses->excludes(quality);
   extend->excludes(vocabulary);
   for (CLI::Option* of_maps :
-       {map, extend, name, camera_name, poses, vocabulary, picture, vo, fixed_lens, live_poses}) {
+       {map, extend, name, camera_name, poses, vocabulary, picture, vo, fixed_lens, live_poses, quality}) {
     odometry_only->excludes(of_maps);
   }
   verb->footer(
@@ -119,8 +124,8 @@ void AddRunCommand(CLI::App& app, Action* action) {
     options->server = ServerOf(app);
     // What only the one who holds the map file can do, or decides for all of its clients.
     for (const char* local :
-         {"--odometry-only", "--poses", "--vocabulary", "--picture", "--keyframes", "--deterministic", "--threads",
-          "--vo", "--fixed-lens", "--preset", "--full-resolution"}) {
+         {"--odometry-only", "--poses", "--vocabulary", "--picture", "--quality", "--keyframes", "--deterministic",
+          "--threads", "--vo", "--fixed-lens", "--preset", "--full-resolution"}) {
       if (!options->server.empty() && verb->get_option(local)->count() > 0) throw CLI::ExcludesError(local, "--server");
     }
     if (!options->odometry_only && options->map.empty()) {

@@ -99,6 +99,52 @@ nlohmann::ordered_json JoinsAsJson(const engine::SessionReport& report, TimeNs f
   return json;
 }
 
+// Of the poses in the files.
+struct PoseQuality {
+  std::int64_t poses = 0;
+  std::int64_t below = 0;  // the limit
+};
+
+PoseQuality CountQuality(const engine::SessionReport& report) {
+  PoseQuality count;
+  for (const engine::FramePose& frame : report.frame_poses) {
+    if (!frame.map_from_camera || frame.component != ComponentOfFiles(report)) continue;
+    ++count.poses;
+    count.below += frame.quality < mapping::kQualityLimit ? 1 : 0;
+  }
+  return count;
+}
+
+nlohmann::ordered_json QualityAsJson(const engine::SessionReport& report, const map::Snapshot& map, TimeNs first_ns) {
+  if (!report.quality) return nullptr;
+  const mapping::TrajectoryQuality& quality = *report.quality;
+  const std::optional<Sim3>& world_from_map = map.WorldFrom(ComponentOfFiles(report));
+  const double scale = world_from_map ? world_from_map->scale() : 1.0;
+  const PoseQuality count = CountQuality(report);
+  nlohmann::ordered_json json = {{"trajectory", quality.quality},    {"limit", mapping::kQualityLimit},
+                                 {"poses_below", count.below},       {"sigma_position", scale * quality.position_sigma},
+                                 {"spread", scale * quality.spread}, {"weakest_points", nullptr},
+                                 {"weakest_at_s", nullptr},          {"warning", quality.warning}};
+  if (quality.weakest_points >= 0) {
+    json["weakest_points"] = quality.weakest_points;
+    json["weakest_at_s"] = ToSeconds(quality.weakest_ns - first_ns);
+  }
+  return json;
+}
+
+// The first line: what must be known before anything else is believed.
+void PrintDoubt(const engine::SessionReport& report) {
+  if (!report.quality) return;
+  const PoseQuality count = CountQuality(report);
+  if (!report.quality->warning.empty()) {
+    std::printf("NOT RELIABLE (quality %.2f, limit %.2f): %s\n", report.quality->quality, mapping::kQualityLimit,
+                report.quality->warning.c_str());
+  } else if (2 * count.below > count.poses) {
+    std::printf("NOT RELIABLE: %lld of %lld poses have a quality below %.2f (--quality FILE tells which)\n",
+                static_cast<long long>(count.below), static_cast<long long>(count.poses), mapping::kQualityLimit);
+  }
+}
+
 // "found in component 1 after 0.4 s (joined at 2.1 s)", "component 2, joined component 1 at 12.3 s", or what it means
 // that neither happened.
 std::string WhereItIs(const engine::SessionReport& report, const map::Session& session) {
@@ -173,6 +219,7 @@ nlohmann::ordered_json ReportAsJson(const std::string& map_name, const engine::S
        {"loops", LoopsAsJson(session)},
        {"loops_rejected", report.loops_rejected},
        {"trajectory", TrajectoryAsJson(session)},
+       {"quality", QualityAsJson(report, map, session.first_ns)},
        {"lens", LensAsJson(report.lens)},
        {"frame_ms", SampleStatistics(report.frame_ms)},
        {"frame_ms_correcting", SampleStatistics(report.frame_ms_correcting)},
@@ -190,6 +237,7 @@ nlohmann::ordered_json ReportAsJson(const std::string& map_name, const engine::S
 void PrintForPeople(const RunOptions& options, const engine::SessionReport& report, const map::Session& session,
                     const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt,
                     std::optional<std::int64_t> live_poses) {
+  PrintDoubt(report);
   std::printf("%s: %lld keyframes, %lld points\n", options.map.c_str(), static_cast<long long>(report.keyframes),
               static_cast<long long>(report.points));
   if (const std::string where = WhereItIs(report, session); !where.empty()) std::printf("  %s\n", where.c_str());

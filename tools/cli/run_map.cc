@@ -88,7 +88,7 @@ absl::StatusOr<std::unique_ptr<engine::LiveMap>> CreateMap(const RunOptions& opt
 }  // namespace
 
 absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
-  for (const std::string* output : {&options.trajectory, &options.keyframes, &options.picture}) {
+  for (const std::string* output : {&options.trajectory, &options.quality, &options.keyframes, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   // Somebody may follow the live poses through a pipe.
@@ -99,8 +99,9 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckMap(options));
   std::vector<std::string> inputs = InputFiles(options.input);
   inputs.insert(inputs.end(), {options.poses, options.vocabulary});
-  CAIRN_RETURN_IF_ERROR(
-      CheckDistinct({options.map, options.trajectory, options.live_poses, options.keyframes, options.picture}, inputs));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct(
+      {options.map, options.trajectory, options.quality, options.live_poses, options.keyframes, options.picture},
+      inputs));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
   const io::SourceInfo& info = source->info();
@@ -219,7 +220,8 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   const absl::Status closed = run.map->Close();
   const std::shared_ptr<const map::Snapshot> map = run.map->Published()->snapshot();
   const ComponentId of_files = ComponentOfFiles(report);
-  const absl::Status written = WriteMapOutputs(options, *map, of_files, PosesToReport(report.frame_poses, of_files));
+  absl::Status written = WriteMapOutputs(options, *map, of_files, PosesToReport(report.frame_poses, of_files));
+  written.Update(WriteQuality(options, report, *map));
   const absl::Status error = feed.ok() ? closed : feed.status();
   if (!error.ok()) return AfterError(error, {options.trajectory, options.keyframes, options.picture}, written);
   CAIRN_RETURN_IF_ERROR(written);

@@ -29,6 +29,7 @@ struct RunOptions {
   std::string name;
   std::string camera_name;
   std::string trajectory;
+  std::string quality;
   std::string live_poses;
   std::string keyframes;
   std::string poses;
@@ -61,6 +62,9 @@ struct MapRun {
   engine::SessionSource session_source;
 };
 absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options);
+
+// How sure each pose of a trajectory is, as a CSV file beside it (docs/input.md).
+absl::Status WriteQuality(const RunOptions& options, const engine::SessionReport& report, const map::Snapshot& map);
 
 // The files that a run into a map leaves beside it: poses in `component`, or in the world if that is aligned.
 absl::Status WriteMapOutputs(const RunOptions& options, const map::Snapshot& map, ComponentId component,

@@ -20,6 +20,10 @@ KINDS = {
     'laps': ['office', '--laps', '10'],
     'soft': ['soft', '--duration', '28'],  # its second side has next to no corners
     'turning': ['turning'],
+    'desk': ['desk'],
+    'spin': ['spin'],
+    'aside': ['aside', '--rate', '15'],
+    'ahead': ['ahead', '--rate', '15'],
     'rich': ['corridor', '--size', '14', '13', '--duration', '28'],  # the same with corners everywhere
 }
 
@@ -153,14 +157,14 @@ class Worlds:
         return self.once('photometric', one)
 
     def loops(self, preset):
-        """Maps a corridor per seed, with and without loop closing."""
+        """A corridor per seed: the odometry alone (before), mapped without (open) and with loop closing (after)."""
         def one(seed):
             folder = self.world(preset, seed)
             truth, result = folder / 'groundtruth_cam0.txt', {}
-            for name, extra in (('after', []), ('before', ['--vo'])):
-                frames = self.path(f'{preset}_{seed}_{name}.txt')
-                report = cairn('run', folder, *self.mode, '--map', self.path(f'{preset}_{seed}_{name}.cairn'),
-                               '--trajectory', frames, '--overwrite', *extra)
+            for name in ('after', 'open', 'before'):
+                frames, file = (self.path(f'{preset}_{seed}_{name}.{ending}') for ending in ('txt', 'cairn'))
+                way = {'after': ['--map', file], 'open': ['--map', file, '--vo'], 'before': ['--odometry-only']}[name]
+                report = cairn('run', folder, *self.mode, *way, '--trajectory', frames, '--overwrite')
                 result[name] = cairn('eval', 'ate', frames, truth)['ate_m']
                 if name == 'after':
                     result['tracked'] = report['tracked_share']
@@ -178,6 +182,6 @@ class Worlds:
                     'without_false': statistics.mean(r['false'] == 0 for r in results),
                     'ratio': max(r['after'] / r['before'] for r in results),
                     'median_ratio': statistics.median(r['after'] / r['before'] for r in results),
-                    'worst': max(r['after'] for r in results),
+                    'worst': max(r['after'] for r in results), 'open': statistics.median(r['open'] for r in results),
                     'drift': max(r['drift'] for r in results)}
         return self.once(f'loops {preset}', all_seeds)
