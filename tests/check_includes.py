@@ -25,7 +25,7 @@ ALLOWED = {
     'cairn': [],  # the public headers
     'wire': ['api', 'store'],
     'client': ['api', 'direct', 'tracking', 'health', 'store', 'wire', 'cairn'],
-    'host': ['engine', 'client', 'io'],
+    'host': ['engine', 'client', 'io', 'care'],
     'server': ['host', 'wire', 'io'],
     'synth': ['health', 'io'],
     'eval': ['io'],
@@ -33,7 +33,8 @@ ALLOWED = {
     'text': ['base'],
     'inspect': ['tracking', 'store'],
     'exchange': ['io', 'inspect'],
-    'cli': ['client', 'engine', 'health', 'host', 'inspect', 'exchange', 'io', 'synth', 'eval', 'plot', 'text'],
+    'care': ['engine', 'exchange'],
+    'cli': ['care', 'client', 'engine', 'health', 'host', 'inspect', 'exchange', 'io', 'synth', 'eval', 'plot', 'text'],
 }
 # Headers of a module that another may include although the module as a whole is closed to it.
 ONLY_HEADERS = {('mapping', 'direct'): {'direct/packet.h'}}

@@ -111,6 +111,8 @@ TEST_P(MapAdminConformance, WhileASessionWrites) {
   EXPECT_GT(sessions->front().running_s, sessions->front().silent_s);
   EXPECT_EQ(service_->Sessions("")->size(), 1u);
 
+  EXPECT_EQ(service_->RemoveSession("room", (*session)->progress().session).status().code(),
+            absl::StatusCode::kFailedPrecondition);
   const absl::Status refused = service_->Delete("room").status();
   EXPECT_EQ(refused.code(), absl::StatusCode::kFailedPrecondition) << refused;
   EXPECT_THAT(std::string(refused.message()), testing::HasSubstr("1 session"));
@@ -190,6 +192,25 @@ TEST_P(MapAdminConformance, TellsWhatHasChangedAMap) {
   map::ChangeQuery of_nobody;
   of_nobody.session = SessionId(9);
   EXPECT_EQ(service_->Log("room", of_nobody).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_P(MapAdminConformance, TakesASessionOut) {
+  EXPECT_EQ(service_->RemoveSession("room", SessionId(9)).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(service_->RemoveSession("kitchen", SessionId(1)).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(service_->RemoveSession("../room", SessionId(1)).status().code(), absl::StatusCode::kInvalidArgument);
+  const auto removal = service_->RemoveSession("room", SessionId(1));
+  ASSERT_TRUE(removal.ok()) << removal.status();
+  EXPECT_EQ(removal->revision, 2u);
+  EXPECT_EQ(removal->keyframes, 10);
+  EXPECT_GT(removal->points, 100);
+  EXPECT_THAT(removal->removed_components, testing::ElementsAre(ComponentId(1)));
+  const auto described = service_->Describe("room");
+  ASSERT_TRUE(described.ok()) << described.status();
+  EXPECT_EQ(described->summary.keyframes, 0);
+  EXPECT_TRUE(described->sessions.at(0).removed);
+  EXPECT_FALSE(service_->Localize("room", Query())->localized);
+  EXPECT_THAT(service_->Verify("room", api::VerifyDepth::kDeep)->findings, testing::IsEmpty());
+  EXPECT_EQ(service_->RemoveSession("room", SessionId(1)).status().code(), absl::StatusCode::kFailedPrecondition);
 }
 
 TEST_P(MapAdminConformance, AlignsByPoses) {

@@ -98,6 +98,17 @@ absl::StatusOr<api::AlignAnswer> RemoteMapService::Align(const std::string& map,
   return wire::FromProto(response);
 }
 
+absl::StatusOr<api::SessionRemoval> RemoteMapService::RemoveSession(const std::string& map, SessionId session) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  v1::RemoveSessionRequest request;
+  request.set_map(map);
+  request.set_session(session.value());
+  v1::RemoveSessionResponse response;
+  CAIRN_RETURN_IF_ERROR(
+      stubs_->LongCall([&](auto* call) { return stubs_->admin->RemoveSession(call, request, &response); }));
+  return wire::FromProto(response);
+}
+
 absl::StatusOr<api::MapLog> RemoteMapService::Log(const std::string& map, const map::ChangeQuery& query) {
   CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
   v1::ReadLogRequest request;

@@ -80,6 +80,7 @@ class RemoteMapService : public api::MapService {
   absl::StatusOr<std::string> Restore(const std::string& deleted, const std::string& as) override;
   absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth depth) override;
   absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& request) override;
+  absl::StatusOr<api::SessionRemoval> RemoveSession(const std::string& map, SessionId session) override;
   absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& query) override;
   absl::Status Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) override;
 

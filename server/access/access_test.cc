@@ -109,6 +109,9 @@ class FakeMaps : public api::MapService {
   absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth /*depth*/) override {
     return Reach("verify", map, api::MapVerification());
   }
+  absl::StatusOr<api::SessionRemoval> RemoveSession(const std::string& map, SessionId /*session*/) override {
+    return Reach("remove session", map, api::SessionRemoval());
+  }
   absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& /*request*/) override {
     return Reach("align", map, api::AlignAnswer());
   }
@@ -308,6 +311,7 @@ TEST_F(AccessTest, KeepingMapsNeedsItsRights) {
   EXPECT_TRUE(denied(extends.Snapshot("office", "office")));
   EXPECT_TRUE(denied(extends.Delete("office")));
   EXPECT_TRUE(denied(extends.Restore("office.1", "")));
+  EXPECT_TRUE(denied(extends.RemoveSession("office", SessionId(1))));
   EXPECT_TRUE(denied(extends.Align("office", {})));
 
   AuthorizedMaps keeps = As(keeper);
@@ -319,12 +323,14 @@ TEST_F(AccessTest, KeepingMapsNeedsItsRights) {
   EXPECT_TRUE(keeps.Restore("office.1", "copy").ok());
   EXPECT_TRUE(denied(keeps.Restore("office.1", "secret")));
   EXPECT_TRUE(denied(keeps.Restore("secret.1", "copy")));
+  EXPECT_TRUE(keeps.RemoveSession("office", SessionId(1)).ok());
   EXPECT_TRUE(keeps.Align("office", {}).ok());
   std::vector<std::string> written;
   for (const json& line : Audit())
     written.push_back(line["action"].get<std::string>() + " " + line["map"].get<std::string>());
-  EXPECT_THAT(written, testing::IsSupersetOf({"map_created office", "map_copied copy", "map_copied secret",
-                                              "map_deleted office", "map_restored office", "map_aligned office"}));
+  EXPECT_THAT(written,
+              testing::IsSupersetOf({"map_created office", "map_copied copy", "map_copied secret", "map_deleted office",
+                                     "map_restored office", "map_aligned office", "session_removed office"}));
 }
 
 }  // namespace

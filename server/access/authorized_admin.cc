@@ -49,6 +49,10 @@ absl::StatusOr<api::AlignAnswer> AuthorizedMaps::Align(const std::string& map, c
   return Changing(Right::kAdmin, "map_aligned", map, [&] { return maps_.Align(map, request); });
 }
 
+absl::StatusOr<api::SessionRemoval> AuthorizedMaps::RemoveSession(const std::string& map, SessionId session) {
+  return Changing(Right::kAdmin, "session_removed", map, [&] { return maps_.RemoveSession(map, session); });
+}
+
 absl::StatusOr<api::MapLog> AuthorizedMaps::Log(const std::string& map, const map::ChangeQuery& query) {
   CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
   return maps_.Log(map, query);

@@ -50,6 +50,9 @@ struct ServiceWithServer : public api::MapService {
   absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth depth) override {
     return service->Verify(map, depth);
   }
+  absl::StatusOr<api::SessionRemoval> RemoveSession(const std::string& map, SessionId session) override {
+    return service->RemoveSession(map, session);
+  }
   absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& request) override {
     return service->Align(map, request);
   }

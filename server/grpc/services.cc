@@ -63,6 +63,10 @@ class AdminService final : public v1::Admin::Service {
                          v1::VerifyMapResponse* response) override {
     return AnswerOne(context_, call, "Admin.VerifyMap", &server::VerifyMap, *request, response);
   }
+  grpc::Status RemoveSession(ServerContext* call, const v1::RemoveSessionRequest* request,
+                             v1::RemoveSessionResponse* response) override {
+    return AnswerOne(context_, call, "Admin.RemoveSession", &server::RemoveSession, *request, response);
+  }
   grpc::Status AlignMap(ServerContext* call, const v1::AlignMapRequest* request,
                         v1::AlignMapResponse* response) override {
     return AnswerOne(context_, call, "Admin.AlignMap", &server::AlignMap, *request, response);

@@ -37,6 +37,18 @@ struct MapLog {
   std::vector<map::LoggedChange> changes;  // the newest first
 };
 
+// What became of a map of which a session was taken out.
+struct SessionRemoval {
+  Revision revision = 0;  // that it led to
+  SessionId session;
+  std::int64_t keyframes = 0;                   // that are gone: the session's ...
+  std::int64_t points = 0;                      // ... and those that nobody else sees
+  std::vector<ComponentId> removed_components;  // that were the session's alone
+  std::int64_t adjusted_keyframes = 0;          // of the others, in components that it was part of
+  double adjustment_rmse_px = 0.0;              // of what they see, after that
+  double median_move_share = 0.0;               // by which that moved them, of the median depth of what they see
+};
+
 // What can be made from a map. All but kMap: of all aligned components in the world frame, in metres; while none is
 // aligned, of the largest one in its own frame and unit.
 enum class ExportContent {

@@ -130,6 +130,9 @@ class MapService {
   virtual absl::StatusOr<MapVerification> Verify(const std::string& map, VerifyDepth depth) = 0;
   // Further errors as of engine::AlignMap.
   virtual absl::StatusOr<AlignAnswer> Align(const std::string& map, const AlignRequest& request) = 0;
+  // Takes a session's keyframes and points out, and adjusts what the others saw of the same places. NotFound for a
+  // session that there is not, FailedPrecondition for one that is running or was removed already.
+  virtual absl::StatusOr<SessionRemoval> RemoveSession(const std::string& map, SessionId session) = 0;
   virtual absl::StatusOr<MapLog> Log(const std::string& map, const map::ChangeQuery& query) = 0;
   // Of the newest durable revision.
   virtual absl::Status Export(const std::string& map, ExportContent content, const ExportSink& sink) = 0;

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "care/session_removal.h"
 #include "engine/map_alignment.h"
 #include "host/export.h"
 #include "host/inspect.h"
@@ -126,6 +127,24 @@ absl::StatusOr<api::AlignAnswer> MapHost::Align(const std::string& map, const ap
     absl::StatusOr<api::AlignAnswer> answer = align();
     if (!answer.ok()) return Told(answer.status());
     return answer;
+  });
+}
+
+absl::StatusOr<api::SessionRemoval> MapHost::RemoveSession(const std::string& map, SessionId session) {
+  return Guarded([&]() -> absl::StatusOr<api::SessionRemoval> {
+    const auto remove = [&]() -> absl::StatusOr<api::SessionRemoval> {
+      CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<HostedMap> hosted, Use(map));
+      for (const api::ActiveSession& active : ActiveSessions()) {
+        if (active.map != map || active.progress.session != session) continue;
+        return absl::FailedPreconditionError(
+            absl::StrCat("session ", session.value(), " of map \"", map, "\" is running: let it end first"));
+      }
+      CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<engine::LiveMap> live, hosted->Write());
+      return care::RemoveSession(absl::StrCat("map \"", map, "\""), session, *live);
+    };
+    absl::StatusOr<api::SessionRemoval> removal = remove();
+    if (!removal.ok()) return Told(removal.status());
+    return removal;
   });
 }
 

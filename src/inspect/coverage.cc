@@ -31,16 +31,18 @@ Vector3d MeanUp(const std::vector<CoverageTest>& tests) {
   return up.norm() > 1e-6 ? up.normalized() : Vector3d::UnitZ();
 }
 
-// The map without a keyframe and those that see the same; nothing if the keyframe cannot be taken out.
+// The map without a keyframe and those that see the same, as far as it has them; nothing if the keyframe cannot be
+// taken out.
 std::optional<map::Delta> Without(const std::shared_ptr<const map::Snapshot>& map, const map::Keyframe& keyframe,
                                   double same_view_share, int* left_out) {
   map::Edit edit(map);
   const int points = NumPoints(keyframe);
+  const auto erase = [&](KeyframeId id) { return edit.FindKeyframe(id) != nullptr && edit.EraseKeyframe(id); };
   for (const map::CovisibilityEdge& edge : keyframe.covisible) {
     if (edge.shared_points < same_view_share * points) break;  // most shared points first
-    *left_out += edit.EraseKeyframe(edge.keyframe) ? 1 : 0;
+    *left_out += erase(edge.keyframe) ? 1 : 0;
   }
-  if (!edit.EraseKeyframe(keyframe.id)) return std::nullopt;
+  if (edit.FindKeyframe(keyframe.id) != nullptr && !erase(keyframe.id)) return std::nullopt;
   return edit.Finish("coverage");
 }
 
@@ -124,6 +126,29 @@ CoverageCell CellOf(const Coverage& coverage, const Vector3d& placed) {
   return cell;
 }
 
+absl::StatusOr<std::optional<CoverageTest>> AskForKeyframe(const tracking::MapView& view, const map::Snapshot& map,
+                                                           KeyframeId asked, const CoverageOptions& options) {
+  if (view.places() == nullptr) {
+    return absl::FailedPreconditionError("the map has no vocabulary, so that no place can be found in it");
+  }
+  const map::Keyframe& keyframe = map.keyframe(asked);
+  CoverageTest test;
+  test.keyframe = keyframe.id;
+  test.component = keyframe.component;
+  test.placed_from_camera = PlacedPose(map, keyframe);
+  const auto delta = Without(view.snapshot(), keyframe, options.same_view_share, &test.left_out);
+  if (!delta) return std::nullopt;
+  CAIRN_ASSIGN_OR_RETURN(const auto rest, view.After(*delta));
+  const tracking::Relocalizer relocalizer(options.relocalizer);
+  CAIRN_ASSIGN_OR_RETURN(
+      const tracking::Relocalization found,
+      relocalizer.Relocalize(rest->map(), *rest->places(), map.pinhole(keyframe.camera), keyframe.features->features));
+  test.result = Judge(rest->map(), keyframe, found, MedianDepth(Measure(map, keyframe)), options);
+  test.stage = found.stage;
+  test.inliers = found.counts.inliers;
+  return test;
+}
+
 absl::StatusOr<Coverage> MeasureCoverage(const tracking::MapView& view, const CoverageOptions& options,
                                          const std::function<bool(int, int)>& progress) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
@@ -134,28 +159,14 @@ absl::StatusOr<Coverage> MeasureCoverage(const tracking::MapView& view, const Co
   std::vector<KeyframeId> all;
   map.keyframes().ForEach([&](const auto& keyframe) { all.push_back(keyframe->id); });
   const std::size_t count = std::min(all.size(), static_cast<std::size_t>(options.max_tests));
-  const tracking::Relocalizer relocalizer(options.relocalizer);
   Coverage coverage;
   std::vector<double> depths;
   for (std::size_t i = 0; i < count; ++i) {
     const map::Keyframe& keyframe = map.keyframe(all[i * all.size() / count]);
-    const double depth = MedianDepth(Measure(map, keyframe));
-    CoverageTest test;
-    test.keyframe = keyframe.id;
-    test.component = keyframe.component;
-    test.placed_from_camera = PlacedPose(map, keyframe);
-    const auto delta = Without(view.snapshot(), keyframe, options.same_view_share, &test.left_out);
-    if (!delta) continue;
-    CAIRN_ASSIGN_OR_RETURN(const auto rest, view.After(*delta));
-    const auto features = keyframe.features.Get();
-    CAIRN_ASSIGN_OR_RETURN(
-        const tracking::Relocalization found,
-        relocalizer.Relocalize(rest->map(), *rest->places(), map.pinhole(keyframe.camera), features->features));
-    test.result = Judge(rest->map(), keyframe, found, depth, options);
-    test.stage = found.stage;
-    test.inliers = found.counts.inliers;
-    coverage.tests.push_back(test);
-    depths.push_back(depth * PlacedScale(map, keyframe.component));
+    CAIRN_ASSIGN_OR_RETURN(const auto test, AskForKeyframe(view, map, keyframe.id, options));
+    if (!test) continue;
+    coverage.tests.push_back(*test);
+    depths.push_back(MedianDepth(Measure(map, keyframe)) * PlacedScale(map, keyframe.component));
     if (progress && !progress(static_cast<int>(i + 1), static_cast<int>(count))) break;
   }
   coverage.not_tested = static_cast<int>(all.size() - coverage.tests.size());

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -64,6 +65,13 @@ struct Coverage {
   double share = 0.0;  // of the tests: found
   std::vector<std::string> warnings;
 };
+
+// Whether the image of keyframe `asked` of `map` is found in `view`, a later state of that map or the map itself,
+// without the keyframe and those that see the same; what is far, near and right is as it stands in `map`. Nothing if
+// the keyframe is the root of a tree in `view`, and so cannot be taken out. FailedPrecondition: the map has no
+// vocabulary.
+absl::StatusOr<std::optional<CoverageTest>> AskForKeyframe(const tracking::MapView& view, const map::Snapshot& map,
+                                                           KeyframeId asked, const CoverageOptions& options);
 
 // The cell of a position.
 CoverageCell CellOf(const Coverage& coverage, const Vector3d& placed);

@@ -289,7 +289,7 @@ void Edit::AdoptChildren(const Keyframe& orphaned) {
   for (const KeyframeId child : orphans) SetParent(child, orphaned.parent);
 }
 
-// Turns the tree of a keyframe about: the links from it up to its root point the other way.
+// The links from it up to its root point the other way.
 void Edit::MakeRoot(KeyframeId id) {
   std::vector<KeyframeId> way = {id};
   while (keyframe(way.back()).parent) way.push_back(keyframe(way.back()).parent);
@@ -300,20 +300,36 @@ void Edit::MakeRoot(KeyframeId id) {
   MutableKeyframe(id).parent = KeyframeId();
 }
 
+std::vector<KeyframeId> Edit::KeyframesOf(ComponentId id) const {
+  std::vector<KeyframeId> keyframes;
+  const auto take = [&](const Keyframe* keyframe) {
+    if (keyframe != nullptr && keyframe->component == id) keyframes.push_back(keyframe->id);
+  };
+  base_->keyframes().ForEach([&](const auto& base) { take(FindKeyframe(base->id)); });
+  for (KeyframeId added = base_->next_keyframe(); added < next_keyframe_; added = KeyframeId(added.value() + 1)) {
+    take(FindKeyframe(added));
+  }
+  return keyframes;
+}
+
+void Edit::EraseComponent(ComponentId id) {
+  for (const KeyframeId keyframe_id : KeyframesOf(id)) {
+    for (const PointId point : std::vector<PointId>(keyframe(keyframe_id).points)) {
+      if (point && FindPoint(point) != nullptr) ErasePoint(point);
+    }
+    keyframes_.Set(keyframe_id, nullptr);  // what it is linked to goes as well
+    stale_covisibility_.erase(keyframe_id);
+  }
+  const auto joined_into = [&](const auto& entry) { return entry.second.joined && entry.second.joined->into == id; };
+  if (std::ranges::any_of(base_->components(), joined_into) || std::ranges::any_of(components_, joined_into)) return;
+  components_.erase(id);
+  if (base_->components().contains(id)) removed_components_.insert(id);
+}
+
 void Edit::JoinComponent(ComponentId joined, const ComponentJoin& join) {
   const Sim3 from_into = join.into_from_component.Inverse();
   std::set<PointId> points;
-  std::vector<KeyframeId> moved;
-  const auto take = [&](const Keyframe& keyframe) {
-    if (keyframe.component == joined) moved.push_back(keyframe.id);
-  };
-  base_->keyframes().ForEach([&](const auto& base) {
-    if (const Keyframe* now = FindKeyframe(base->id)) take(*now);
-  });
-  for (KeyframeId id = base_->next_keyframe(); id < next_keyframe_; id = KeyframeId(id.value() + 1)) {
-    if (const Keyframe* added = FindKeyframe(id)) take(*added);
-  }
-  for (const KeyframeId id : moved) {
+  for (const KeyframeId id : KeyframesOf(joined)) {
     SetPose(id, RigidPart(Sim3(keyframe(id).camera_from_map) * from_into));
     MutableKeyframe(id).component = join.into;
     for (const PointId point_id : keyframe(id).points) {
@@ -417,6 +433,7 @@ Delta Edit::Finish(std::string reason) {
   delta.cameras = Values(cameras_);
   delta.sessions = Values(sessions_);
   delta.components = Values(components_);
+  delta.removed_components.assign(removed_components_.begin(), removed_components_.end());
   for (const KeyframeId id : moved_keypoints_) {
     if (FindKeyframe(id) != nullptr) delta.moved_keypoints.push_back(id);
   }

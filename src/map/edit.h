@@ -69,6 +69,10 @@ class Edit {
   // Unlinks its points and hands its children to other parents. The root of a spanning tree cannot be erased (returns
   // false).
   bool EraseKeyframe(KeyframeId id, int min_observations = 2);
+  // Turns the spanning tree of a keyframe about, so that it becomes the root.
+  void MakeRoot(KeyframeId id);
+  // All keyframes and points of a component, and its row, unless other components are part of its history. O(map).
+  void EraseComponent(ComponentId id);
   // Moves the observations of `from` to `into` where `into` has none, and erases `from`.
   void FusePoints(PointId from, PointId into);
 
@@ -103,13 +107,14 @@ class Edit {
   void SetEdge(KeyframeId from, KeyframeId to, int shared_points);
   void SetParent(KeyframeId child, KeyframeId parent);
   void AdoptChildren(const Keyframe& orphaned);
-  void MakeRoot(KeyframeId id);
+  std::vector<KeyframeId> KeyframesOf(ComponentId id) const;
 
   std::shared_ptr<const Snapshot> base_;
   std::optional<MapInfo> info_;
   std::map<CameraId, MapCamera> cameras_;
   std::map<SessionId, Session> sessions_;
   std::map<ComponentId, Component> components_;
+  std::set<ComponentId> removed_components_;
   SessionId session_;
   Draft<KeyframeId, Keyframe> keyframes_;
   Draft<PointId, MapPoint> points_;  // marked with their Stale

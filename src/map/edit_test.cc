@@ -299,6 +299,50 @@ TEST(Edit, JoinsOneComponentToAnother) {
   EXPECT_NEAR(joined->WorldFrom(two.first)->scale(), 3.0 / 1.7, 1e-12);
 }
 
+TEST(Edit, AComponentIsErasedWithItsPointsUnlessItIsHistory) {
+  const TwoComponents two = MakeTwo(21);
+  ASSERT_NE(two.map, nullptr);
+  Edit edit(two.map);
+  edit.EraseComponent(two.second);
+  const auto without = Commit(*two.map, edit);
+  ASSERT_NE(without, nullptr);
+  EXPECT_EQ(without->NumKeyframes(two.second), 0);
+  EXPECT_FALSE(without->components().contains(two.second));
+  EXPECT_EQ(without->NumKeyframes(two.first), two.map->NumKeyframes(two.first));
+  two.map->points().ForEach([&](const auto& point) {
+    const bool second = two.map->keyframe(point->reference.keyframe).component == two.second;
+    EXPECT_EQ(without->points().Contains(point->id), !second);
+  });
+  // One that another was joined to stays as a row.
+  Edit joining(two.map);
+  ComponentJoin join;
+  join.into = two.first;
+  join.into_from_component = two.first_from_second;
+  join.keyframe = KeyframeId(6), join.into_keyframe = KeyframeId(2);
+  joining.JoinComponent(two.second, join);
+  const auto joined = Commit(*two.map, joining);
+  ASSERT_NE(joined, nullptr);
+  Edit all(joined);
+  all.EraseComponent(two.first);
+  const auto empty = Commit(*joined, all);
+  ASSERT_NE(empty, nullptr);
+  EXPECT_TRUE(empty->keyframes().empty());
+  EXPECT_TRUE(empty->components().contains(two.first));
+}
+
+TEST(Edit, AnotherKeyframeBecomesTheRootAndTheOldOneMayGo) {
+  const TestMap world = MakeMap(6, 8, 400);
+  Edit edit(world.snapshot);
+  edit.MakeRoot(KeyframeId(5));
+  EXPECT_FALSE(edit.EraseKeyframe(KeyframeId(5)));
+  EXPECT_TRUE(edit.EraseKeyframe(KeyframeId(1)));
+  const auto next = Commit(*world.snapshot, edit);
+  ASSERT_NE(next, nullptr);
+  EXPECT_EQ(next->keyframes().size(), 7u);
+  next->keyframes().ForEach(
+      [&](const auto& keyframe) { EXPECT_EQ(keyframe->parent.valid(), keyframe->id != KeyframeId(5)); });
+}
+
 TEST(Edit, LinksOfAKeyframeStayWithinItsComponent) {
   const TwoComponents two = MakeTwo(22);
   ASSERT_NE(two.map, nullptr);

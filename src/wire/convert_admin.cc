@@ -127,4 +127,28 @@ absl::StatusOr<api::ExportContent> Read(v1::ExportMapRequest::Content content) {
   }
 }
 
+void ToProto(const api::SessionRemoval& removal, v1::RemoveSessionResponse* out) {
+  out->set_revision(removal.revision);
+  out->set_session(removal.session.value());
+  out->set_keyframes(removal.keyframes);
+  out->set_points(removal.points);
+  for (const ComponentId id : removal.removed_components) out->add_removed_components(id.value());
+  out->set_adjusted_keyframes(removal.adjusted_keyframes);
+  out->set_adjustment_rmse_px(removal.adjustment_rmse_px);
+  out->set_median_move_share(removal.median_move_share);
+}
+
+api::SessionRemoval FromProto(const v1::RemoveSessionResponse& message) {
+  api::SessionRemoval removal;
+  removal.revision = message.revision();
+  removal.session = SessionId(message.session());
+  removal.keyframes = message.keyframes();
+  removal.points = message.points();
+  for (const std::uint32_t id : message.removed_components()) removal.removed_components.emplace_back(id);
+  removal.adjusted_keyframes = message.adjusted_keyframes();
+  removal.adjustment_rmse_px = message.adjustment_rmse_px();
+  removal.median_move_share = message.median_move_share();
+  return removal;
+}
+
 }  // namespace cairn::wire

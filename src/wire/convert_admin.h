@@ -12,12 +12,14 @@ namespace cairn::wire {
 void ToProto(const api::DeletedMap& map, v1::DeletedMap* out);
 void ToProto(const api::MapVerification& verified, v1::VerifyMapResponse* out);
 void ToProto(const api::MapLog& log, v1::ReadLogResponse* out);
+void ToProto(const api::SessionRemoval& removal, v1::RemoveSessionResponse* out);
 v1::ExportMapRequest::Content Write(api::ExportContent content);
 
 api::DeletedMap FromProto(const v1::DeletedMap& message);
 absl::StatusOr<api::MapVerification> FromProto(const v1::VerifyMapResponse& message);
 // InvalidArgument for a count that is negative; more than there are is all of them.
 absl::StatusOr<map::ChangeQuery> FromProto(const v1::ReadLogRequest& message);
+api::SessionRemoval FromProto(const v1::RemoveSessionResponse& message);
 api::MapLog FromProto(const v1::ReadLogResponse& message);
 absl::StatusOr<api::ExportContent> Read(v1::ExportMapRequest::Content content);
 

@@ -69,6 +69,26 @@ class Inspection(unittest.TestCase):
         self.assertEqual(cairn('localize', self.office, '--map', twins, '--independent', '--stride', 30).code, 4)
         self.assertEqual(cairn('synth', 'map', '--like', self.map, '--out', large).code, 2)
         self.assertEqual(cairn('synth', '--out', self.folder / 'x').code, 2)
+    def test_views_for_the_prompt_are_as_documented(self):
+        import sqlite3
+        script = pathlib.Path(__file__).resolve().parents[2] / 'schema/views/inspection.sql'
+        before = self.map.read_bytes()
+        database = sqlite3.connect(f'file:{self.map}?mode=ro', uri=True)
+        database.executescript(script.read_text())
+        keyframes = must('info', self.map)['keyframes']
+        for view in ('keyframe_bytes', 'keyframe_links'):
+            self.assertEqual(len(database.execute(f'SELECT * FROM {view}').fetchall()), keyframes)
+        self.assertEqual(database.execute('SELECT sum(keyframes) FROM session_shares').fetchone(), (keyframes,))
+        self.assertEqual(database.execute('SELECT count(*) FROM session_overlaps').fetchone(), (0,), 'there is one session')
+        listed = {row['id']: row['covisible'] for row in must('ls', self.map, 'keyframes')['keyframes']}
+        self.assertEqual(dict(database.execute('SELECT keyframe, neighbours FROM keyframe_links')), listed)
+        self.assertGreater(database.execute('SELECT max(found_share) FROM point_quality').fetchone()[0], 0)
+        self.assertGreater(database.execute('SELECT max(last_revision) FROM change_totals').fetchone()[0], 0)
+        documented = (script.parents[2] / 'docs/map-format.md').read_text()
+        for name, in database.execute("SELECT name FROM sqlite_temp_master WHERE type = 'view'"):
+            self.assertIn(f'`{name}`', documented)
+        database.close()
+        self.assertEqual(self.map.read_bytes(), before)
 
     # ls
 

@@ -6,6 +6,7 @@
 #include "cli/cli.h"
 #include "cli/geo_options.h"
 #include "cli/input_options.h"
+#include "cli/known_places.h"
 #include "cli/server_option.h"
 #include "engine/map_alignment.h"
 #include "eval/reference.h"
@@ -20,6 +21,7 @@ struct AlignOptions {
   eval::ReferenceOptions reference;
   PoseAlignmentOptions solver;
   GeoOptions geo;
+  KnownPlacesOptions known;
   std::uint32_t component = 0;  // 0: the one with most keyframes that have a reference
   std::uint32_t session = 0;    // whose keyframes the reference is of; 0: of all
   double max_dt_s = 0.02;
@@ -111,11 +113,24 @@ void AddReferenceOptions(CLI::App* verb, const std::shared_ptr<AlignOptions>& op
                    "below a line `# keyframe latitude longitude height` by their numbers");
 }
 
+void AddKnownOptions(CLI::App* verb, const std::shared_ptr<AlignOptions>& options) {
+  verb->add_option("--points", options->known.positions,
+                   "File with the world positions of three places or more, metres, a line each: point ID X Y Z, "
+                   "keyframe ID X Y Z, or pixel KEYFRAME U V X Y Z for what is seen there");
+  verb->add_option("--distance", options->known.distances,
+                   "Two places and how many metres they are apart, as \"point 12 point 57 3.2\"; gives the scale; may "
+                   "be given several times");
+  verb->add_option("--gravity", options->known.gravity,
+                   "\"X Y Z\": where gravity points in the component's frame (the world's, if it is aligned), or "
+                   "cameras: as their images stand on average; upwards becomes the world's z axis");
+}
+
 void AddOptions(CLI::App* verb, const std::shared_ptr<AlignOptions>& options) {
   verb->add_option("MAP", options->map,
                    "Map file (.cairn), with --server the name of a map there; what is found is stored in it")
       ->required();
   AddReferenceOptions(verb, options);
+  AddKnownOptions(verb, options);
   verb->add_option("--component", options->component,
                    "Component to align; by default the one with most keyframes that have a reference")
       ->check(CLI::PositiveNumber);
@@ -139,20 +154,35 @@ void AddAlignCommand(CLI::App& app, Action* action) {
   auto options = std::make_shared<AlignOptions>();
   AddOptions(verb, options);
   verb->footer(
-      "One of --groundtruth, --geo and --geo-positions.\n"
+      "One of --groundtruth, --geo, --geo-positions, --points, and --distance with or without --gravity.\n"
       "Examples:\n  cairn align office.cairn --groundtruth groundtruth.txt\n"
       "  cairn align office.cairn --component 2 --groundtruth state_groundtruth_estimate0/data.csv --sensor "
       "cam0/sensor.yaml\n"
       "  cairn align track.cairn --groundtruth gps.txt --positions-only\n"
       "  cairn align office.cairn --geo \"60.1699 24.9384 30\" --heading 45\n"
       "  cairn align street.cairn --geo-positions gnss.txt --max-dt 0.1\n"
+      "  cairn align office.cairn --points surveyed.txt\n"
+      "  cairn align office.cairn --distance \"pixel 3 120 200 pixel 3 510 210 1.80\" --gravity cameras\n"
       "  cairn --server localhost:7878 align office --groundtruth groundtruth.txt");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
     *action = [=] {
       const int asked = static_cast<int>(!options->groundtruth.empty()) + static_cast<int>(!options->geo.geo.empty()) +
                         static_cast<int>(!options->geo.positions.empty());
-      if (asked != 1) return FailUsage("align", "give one of --groundtruth, --geo and --geo-positions", options->json);
+      const bool known = !options->known.empty();
+      if (asked + static_cast<int>(known) != 1) {
+        return FailUsage("align", "give one of --groundtruth, --geo, --geo-positions, --points and --distance",
+                         options->json);
+      }
+      if (known && !options->server.empty()) {
+        return FailUsage("align", "--points, --distance and --gravity need the map file: not with --server",
+                         options->json);
+      }
+      if (known) {
+        options->known.overwrite = options->overwrite;
+        options->known.force = options->force;
+        return AlignByKnown(options->map, options->known, options->json);
+      }
       const absl::Status status = Align(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("align", status, options->json);
     };

@@ -7,11 +7,13 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
 #include "cli/align_report.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
 #include "cli/described_map.h"
 #include "cli/geo_options.h"
+#include "cli/map_scene.h"
 #include "cli/pictures.h"
 #include "cli/server_option.h"
 #include "cli/session_report.h"
@@ -36,6 +38,7 @@ struct InfoOptions {
   ServerChoice server;
   std::string picture;
   bool digest = false;
+  bool plan = false;
   bool overwrite = false;
   bool json = false;
 };
@@ -229,7 +232,7 @@ absl::Status Info(const InfoOptions& options) {
   std::string digest;
   std::unique_ptr<store::MapStore> file;
   const bool lacks_vocabulary = map.summary.info.vocabulary_hash != 0 && !map.has_vocabulary;
-  if (lacks_vocabulary || options.digest || !options.picture.empty()) {
+  if (lacks_vocabulary || options.digest || options.plan || !options.picture.empty()) {
     CAIRN_ASSIGN_OR_RETURN(file, store::OpenMapStore(options.map, store::OpenMode::kRead));
   }
   if (lacks_vocabulary) {
@@ -239,16 +242,23 @@ absl::Status Info(const InfoOptions& options) {
   if (options.digest) {
     CAIRN_ASSIGN_OR_RETURN(digest, file->ContentDigest());
   }
-  if (!options.picture.empty()) {
+  std::string plan;
+  if (options.plan || !options.picture.empty()) {
     CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> snapshot, file->LoadSnapshot());
-    CAIRN_RETURN_IF_ERROR(DrawMap(*snapshot, options.picture));
+    if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawMap(*snapshot, options.picture));
+    constexpr int kPlanColumns = 72;
+    if (options.plan) plan = BraillePlan(*snapshot, TogetherInOneFrame(*snapshot), kPlanColumns);
   }
   if (options.json) {
     nlohmann::ordered_json info = Describe(map, being_written);
     if (options.digest) info["digest"] = digest;
+    if (options.plan) info["plan"] = plan;
     PrintJson(info);
   } else {
     Print(map, options.map, being_written);
+    for (const absl::string_view line : absl::StrSplit(plan, '\n', absl::SkipEmpty())) {
+      std::printf("  %.*s\n", static_cast<int>(line.size()), line.data());
+    }
     if (options.digest) std::printf("  content digest %s\n", digest.c_str());
     if (!options.picture.empty()) std::printf("  picture: %s\n", options.picture.c_str());
   }
@@ -273,6 +283,7 @@ void AddInfoCommand(CLI::App& app, Action* action) {
   auto options = std::make_shared<InfoOptions>();
   verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("--picture", options->picture, "Draw the map from above to this .png or .svg file");
+  verb->add_flag("--plan", options->plan, "Where the cameras were, from above, in dots (UTF-8 braille)");
   verb->add_flag("--digest", options->digest, "Also print a hash of the content, equal for equal maps");
   verb->add_flag("--overwrite", options->overwrite, "Replace the picture if it exists");
   verb->add_flag("--json", options->json, "Answer in JSON");
@@ -282,13 +293,14 @@ void AddInfoCommand(CLI::App& app, Action* action) {
       "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged, 5 version.\n"
       "Examples:\n"
       "  cairn info office.cairn --picture office.png\n"
+      "  cairn info office.cairn --plan\n"
       "  cairn --server localhost:7878 info office");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
     *action = [=] {
       const bool served = !options->server.empty();
-      if (served && (options->digest || !options->picture.empty())) {
-        return FailUsage("info", "--digest and --picture need the map file: not with --server", options->json);
+      if (served && (options->digest || options->plan || !options->picture.empty())) {
+        return FailUsage("info", "--digest, --plan and --picture need the map file: not with --server", options->json);
       }
       const absl::Status status = served ? InfoOfServed(*options) : Info(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("info", status, options->json);

@@ -137,6 +137,15 @@ int ParseAndRun(Call* call) {
   AddCoverageCommand(app, &action);
   AddStatsCommand(app, &action);
   AddAlignCommand(app, &action);
+  AddDiffCommand(app, &action);
+  AddSessionCommand(app, &action);
+  AddPruneCommand(app, &action);
+  AddCompactCommand(app, &action);
+  AddPackCommand(app, &action);
+  AddImportCommand(app, &action);
+  AddRenderCommand(app, &action);
+  AddMergeCommand(app, &action);
+  AddSplitCommand(app, &action);
   AddLogCommand(app, &action);
   AddCreateCommand(app, &action);
   AddSnapshotCommand(app, &action);

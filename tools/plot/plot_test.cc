@@ -12,6 +12,7 @@
 #include "plot/canvas.h"
 #include "plot/figures.h"
 #include "plot/projection.h"
+#include "plot/scene_figure.h"
 
 namespace cairn::plot {
 namespace {
@@ -178,6 +179,41 @@ TEST_F(Figures, Map) {
   figure.covisible.emplace_back(3, 99);
   EXPECT_EQ(WriteMapFigure(figure, Path("n.png")).code(), absl::StatusCode::kInvalidArgument);
   EXPECT_FALSE(WriteMapFigure({}, Path("n.png")).ok());
+}
+
+TEST_F(Figures, ScenesFromAllSides) {
+  SceneFigure figure;
+  figure.title = "scene";
+  figure.unit = "m";
+  Random random(3);
+  for (int i = 0; i < 400; ++i) {
+    figure.points.push_back({Vector3d(random.Uniform(-2, 2), random.Uniform(-3, 3), random.Uniform(0, 2)), kGray});
+  }
+  figure.points.push_back({Vector3d(1e6, 0, 0), kGray});  // does not stretch the picture
+  for (int i = 0; i < 300; ++i) {
+    const double a = 0.02 * i;
+    figure.cameras.push_back(
+        {SE3(ExpSO3(Vector3d(0, a, 0)), Vector3d(std::sin(a), std::cos(a), 1)), Sequential(a / 6)});
+  }
+  for (int i = 0; i < 30; ++i) {
+    figure.legend.push_back({absl::StrCat("session ", i, ": a name that is long"), CategoryColor(i)});
+  }
+  figure.scale = SceneScale{"age", "0 s", "6 s"};
+  for (const SceneView view : {SceneView::kPlan, SceneView::kSide, SceneView::kPerspective}) {
+    figure.view = view;
+    const std::string name = "scene" + std::to_string(static_cast<int>(view));
+    ASSERT_TRUE(WriteSceneFigure(figure, Path(name + ".png")).ok());
+    ASSERT_TRUE(WriteSceneFigure(figure, Path(name + ".svg")).ok());
+    // Rows of the legend make it taller, and it is not empty where the scene is.
+    const cv::Mat image = cv::imread(Path(name + ".png"), cv::IMREAD_GRAYSCALE);
+    EXPECT_GT(image.rows, 600);
+    cv::Scalar mean, deviation;
+    cv::meanStdDev(image, mean, deviation);
+    EXPECT_GT(deviation[0], 10.0);
+  }
+  figure.points[0].at.x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(WriteSceneFigure(figure, Path("n.png")).code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_FALSE(WriteSceneFigure({}, Path("n.png")).ok());
 }
 
 }  // namespace

@@ -1,0 +1,61 @@
+// What two maps with a common past differ in: a map and an earlier copy of it, or two that went on from one copy. Ids
+// are never used twice, so that what has the same id and time is the same.
+//
+// Where a component is placed does not matter: each is laid onto the other map's by the similarity that fits the
+// cameras of its common keyframes best, robustly, so that what has moved stands out.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "base/status.h"
+#include "map/snapshot.h"
+
+namespace cairn::inspect {
+
+struct DifferenceOptions {
+  bool align = true;  // false: positions are compared as they stand
+};
+
+struct KeyframeMove {
+  KeyframeId id;
+  double shift = 0.0;  // of the camera, in the unit of Placed() in the first map (measures.h)
+  double turn_deg = 0.0;
+};
+
+struct PointMove {
+  PointId id;
+  double shift = 0.0;
+};
+
+struct ComponentFit {
+  ComponentId first, second;   // of the one map and of the other
+  std::int64_t keyframes = 0;  // common
+  bool aligned = false;        // by a similarity; false: too few, on a line, or not asked for
+  Sim3 first_from_second;      // frames of the components
+  bool metres = false;         // the component of the first map is aligned to the world: shifts are metres
+};
+
+// Ids ascending; moves by their shift, the largest first.
+struct MapDifference {
+  std::vector<KeyframeId> keyframes_added, keyframes_removed;
+  std::vector<PointId> points_added, points_removed;
+  std::vector<SessionId> sessions_added;
+  std::vector<SessionId> sessions_removed;                     // gone, or marked as removed
+  std::vector<ComponentId> components_added, components_gone;  // gone: removed, or joined to another
+  std::vector<ComponentId> realigned;                          // whose place in the world is another
+  std::vector<ComponentFit> fits;
+  std::vector<KeyframeMove> keyframe_moves;  // of all common keyframes
+  std::vector<PointMove> point_moves;        // of all common points
+  std::int64_t keyframes_kept = 0, points_kept = 0;
+  std::int64_t observations_before = 0, observations_after = 0;  // of everything
+
+  bool same() const;  // nothing is added, removed or moved
+};
+
+// FailedPrecondition if the two have no keyframe in common although both have some.
+absl::StatusOr<MapDifference> Compare(const map::Snapshot& first, const map::Snapshot& second,
+                                      const DifferenceOptions& options = {});
+
+}  // namespace cairn::inspect
