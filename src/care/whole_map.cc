@@ -97,7 +97,9 @@ bool HasName(const map::Snapshot& onto, const std::vector<map::MapCamera>& added
 
 // A camera that both maps have is one.
 void MergeCameras(const map::Snapshot& onto, const map::Snapshot& from, Renumbering* to, map::Delta* delta) {
-  for (const auto& [id, camera] : from.cameras()) {
+  for (const auto& entry_of_from : from.cameras()) {
+    const CameraId id = entry_of_from.first;
+    const map::MapCamera& camera = entry_of_from.second;
     const auto same = std::ranges::find_if(onto.cameras(), [&](const auto& entry) {
       const map::MapCamera& known = entry.second;
       return map::SameCalibration(known.model, camera.model) && map::SamePinhole(known.pinhole, camera.pinhole) &&
