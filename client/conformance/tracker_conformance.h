@@ -156,7 +156,8 @@ TEST_P(TrackerConformance, CarriedWhereTheMapDoesNotReach) {
     ExpectPose(answer, truth, 0.1);
   }
   EXPECT_EQ(answer.state, api::TrackState::kTracked) << answer.reason;
-  EXPECT_LT(ErrorOf(answer, LookInRoom({-0.15, 0.0, -1.2}, 0.0)), 0.03);
+  // The map is matched beside the calls, and later on a busy machine: by then less of what was carried is corrected.
+  EXPECT_LT(ErrorOf(answer, LookInRoom({-0.15, 0.0, -1.2}, 0.0)), 0.05);
   EXPECT_LT(PositionVariance(answer), variance);
 }
 

@@ -22,7 +22,7 @@ constexpr double kPageShare = 1.035;
 constexpr std::int64_t kEmptyMapBytes = 70'000;
 
 std::int64_t BytesOf(const map::Keyframe& keyframe) {
-  return kKeyframeBytes + kFeatureBytes * static_cast<std::int64_t>(keyframe.features->features.size()) +
+  return kKeyframeBytes + kFeatureBytes * static_cast<std::int64_t>(keyframe.features.size()) +
          kEdgeBytes * static_cast<std::int64_t>(keyframe.covisible.size()) / 2;
 }
 

@@ -140,9 +140,10 @@ absl::StatusOr<std::optional<CoverageTest>> AskForKeyframe(const tracking::MapVi
   if (!delta) return std::nullopt;
   CAIRN_ASSIGN_OR_RETURN(const auto rest, view.After(*delta));
   const tracking::Relocalizer relocalizer(options.relocalizer);
+  const auto features = keyframe.features.Get();
   CAIRN_ASSIGN_OR_RETURN(
       const tracking::Relocalization found,
-      relocalizer.Relocalize(rest->map(), *rest->places(), map.pinhole(keyframe.camera), keyframe.features->features));
+      relocalizer.Relocalize(rest->map(), *rest->places(), map.pinhole(keyframe.camera), features->features));
   test.result = Judge(rest->map(), keyframe, found, MedianDepth(Measure(map, keyframe)), options);
   test.stage = found.stage;
   test.inliers = found.counts.inliers;

@@ -69,6 +69,7 @@ class Inspection(unittest.TestCase):
         self.assertEqual(cairn('localize', self.office, '--map', twins, '--independent', '--stride', 30).code, 4)
         self.assertEqual(cairn('synth', 'map', '--like', self.map, '--out', large).code, 2)
         self.assertEqual(cairn('synth', '--out', self.folder / 'x').code, 2)
+
     def test_views_for_the_prompt_are_as_documented(self):
         import sqlite3
         script = pathlib.Path(__file__).resolve().parents[2] / 'schema/views/inspection.sql'
