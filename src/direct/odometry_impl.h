@@ -176,7 +176,7 @@ class Odometry::Impl {
   void StoreRetracked(std::size_t position, std::int64_t keyframe, const SE3& keyframe_from_camera, double quality);
   void DoubtStart(const Frame& frame, std::size_t position, bool tracked);
   std::vector<std::optional<SE3>> PosesSinceReference() const;
-  void UndoStart(const StartResult* better);  // null: there is none
+  void UndoStart(const StartResult& better);
   void TrustStart();
 
   // odometry_recovery.cc

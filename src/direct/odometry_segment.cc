@@ -141,9 +141,7 @@ void Odometry::Impl::DoubtStart(const Frame& frame, std::size_t position, bool t
     case StartVerdict::kRight:
       return TrustStart();
     case StartVerdict::kWrong:
-      return UndoStart(&better);
-    case StartVerdict::kUnproven:
-      return UndoStart(nullptr);
+      return UndoStart(better);
   }
 }
 
@@ -158,16 +156,14 @@ std::vector<std::optional<SE3>> Odometry::Impl::PosesSinceReference() const {
   return poses;
 }
 
-void Odometry::Impl::UndoStart(const StartResult* better) {
+void Odometry::Impl::UndoStart(const StartResult& better) {
   const std::lock_guard track_lock(track_mutex_);
   {
     std::lock_guard lock(mutex_);
     poses_.Forget(segment_, retained_.start().front().position);
     std::erase_if(packets_, [&](const KeyframePacket& packet) { return packet.segment == segment_; });
     references_.clear();
-    start_message_ = better != nullptr
-                         ? "the start was found wrong and is undone"
-                         : "the start could not be confirmed: the view changed before the camera had moved on";
+    start_message_ = "the start was found wrong and is undone";
     for (Job& job : jobs_) {                 // tracked against what is gone
       if (!job.data && !job.lost) continue;  // as it is: untracked, or a known view
       if (!job.restart) ++untracked_jobs_;   // else counted already
@@ -186,9 +182,8 @@ void Odometry::Impl::UndoStart(const StartResult* better) {
   last_frame_ = {};
   cover_.Reset();
   window_.Clear();
-  if (better == nullptr) return start_.BeginAnew();
-  if (start_.Redo(*better, NextNumbers())) {
-    AdoptStart(*better);
+  if (start_.Redo(better, NextNumbers())) {
+    AdoptStart(better);
     TrustStart();
   }
 }

@@ -26,13 +26,9 @@ StartResult OdometryStart::Add(const Frame& frame, std::size_t position, const S
 
 bool OdometryStart::Redo(const StartResult& better, const SegmentNumbers& numbers) {
   if (first_window_->FromMotion(better, *retained_, numbers).ok()) return true;
-  BeginAnew();
-  return false;
-}
-
-void OdometryStart::BeginAnew() {
   BeginWithNewest();
   retained_->Thin();
+  return false;
 }
 
 void OdometryStart::BeginWithNewest() {

@@ -33,8 +33,6 @@ class OdometryStart {
   StartResult Add(const Frame& frame, std::size_t position, const SegmentNumbers& numbers);
   // The first window of another answer for the frames since the reference. Where that fails, all begins anew.
   bool Redo(const StartResult& better, const SegmentNumbers& numbers);
-  // The newest retained frame is the reference of the next start; those before it wait on.
-  void BeginAnew();
   // Forgets corners and retained frames: the start is trusted, or what it began has ended.
   void Reset();
 

@@ -16,10 +16,8 @@ StartVerdict StartConfirmation::Judge(const Frame& frame, bool tracked,
   const bool followed = corners_->Continue(frame);
   const int after = corners_->FrameCount() - start_frames_;
   const bool last_chance = !followed || after >= kMaxDoubtedFrames;
-  const bool moved_on = tracked && MovedOn(direct_from_camera);
-  if (!followed && !moved_on) return StartVerdict::kUnproven;
   if (!tracked) return last_chance ? StartVerdict::kRight : StartVerdict::kOpen;  // nothing to hold against it
-  if (!last_chance && (after < kMinDoubtedFrames || !moved_on)) return StartVerdict::kOpen;
+  if (!last_chance && (after < kMinDoubtedFrames || !MovedOn(direct_from_camera))) return StartVerdict::kOpen;
   return IsWrong(direct_from_camera, better) ? StartVerdict::kWrong : StartVerdict::kRight;
 }
 

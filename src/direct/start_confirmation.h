@@ -3,9 +3,7 @@
 // better than the odometry's poses do.
 //
 // What follows from the answer is the odometry's: a start found wrong is undone, the new answer builds another first
-// window, and all frames, which were kept, are tracked again. One that cannot be judged is undone as well, and the
-// odometry waits for another: in a fast turn, with next to no parallax, corners that blur and vanish look like any
-// motion, and what begins there stays at a scale of its own. Packets are held back meanwhile.
+// window, and all frames, which were kept, are tracked again. Packets are held back meanwhile.
 //
 // Only the thread that calls Odometry::OptimizeNext() uses it; it takes no lock: the poses are copied for it.
 #pragma once
@@ -18,12 +16,7 @@
 
 namespace cairn::direct {
 
-enum class StartVerdict {
-  kOpen,
-  kRight,     // or nothing speaks against it although its corners were followed for long
-  kWrong,     // another answer explains the corners better
-  kUnproven,  // the view turned away, or blurred, before the camera had moved on: nobody can tell
-};
+enum class StartVerdict { kOpen, kRight, kWrong };
 
 class StartConfirmation {
  public:

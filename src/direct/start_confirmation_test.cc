@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <functional>
-#include <opencv2/core.hpp>
 
 #include "direct/testing_scene.h"
 
@@ -33,9 +32,8 @@ struct Judgement {
   StartResult better;
 };
 
-// `pose` gives the odometry's pose of a frame, none where it is lost; from `blind` on, as many frames after the start,
-// the view is another one.
-Judgement Judge(const std::function<std::optional<SE3>(int)>& pose, int blind = kMostFrames) {
+// `pose` gives the odometry's pose of a frame, none where it is lost.
+Judgement Judge(const std::function<std::optional<SE3>(int)>& pose) {
   FeatureStart corners(OdometryOptions(), testing::TestCamera());
   StartConfirmation confirmation(&corners);
   Judgement judgement;
@@ -49,13 +47,7 @@ Judgement Judge(const std::function<std::optional<SE3>(int)>& pose, int blind = 
   for (int k = 0; k <= i; ++k) poses.push_back(pose(k));
   while (++i < kMostFrames && judgement.verdict == StartVerdict::kOpen) {
     poses.push_back(pose(i));
-    Frame frame = FrameAt(i);
-    if (judgement.frames >= blind) {
-      cv::Mat turned;  // the images are shared
-      cv::flip(frame.image, turned, 0);
-      frame.image = turned;
-    }
-    judgement.verdict = confirmation.Judge(frame, poses.back().has_value(), poses, &judgement.better);
+    judgement.verdict = confirmation.Judge(FrameAt(i), poses.back().has_value(), poses, &judgement.better);
     ++judgement.frames;
   }
   return judgement;
@@ -88,16 +80,6 @@ TEST(StartConfirmation, PosesThatDoNotExplainTheCornersAreWrongAndABetterAnswerI
   ASSERT_TRUE(judgement.better.success);
   EXPECT_EQ(judgement.better.camera_from_reference.size(),
             static_cast<std::size_t>(judgement.start_frames + judgement.frames));
-}
-
-// The view turns away before the camera has moved on: whatever the odometry says of it, nobody can tell.
-TEST(StartConfirmation, WhereTheCornersVanishTooEarlyNothingIsProven) {
-  for (const bool tracked : {true, false}) {
-    const Judgement judgement =
-        Judge([&](int i) { return tracked || i < 12 ? std::optional<SE3>(testing::SwayPose(i)) : std::nullopt; }, 2);
-    EXPECT_EQ(judgement.verdict, StartVerdict::kUnproven);
-    EXPECT_EQ(judgement.frames, 3);
-  }
 }
 
 // Lost frames say nothing against a start; it is not doubted for ever.
