@@ -77,6 +77,9 @@ std::string UnknownVerb(const CLI::App& app, const std::vector<std::string>& arg
     const auto named =
         std::find_if(verbs.begin(), verbs.end(), [&](const CLI::App* verb) { return verb->get_name() == argument; });
     if (named == verbs.end()) {
+      // `cairn synth` takes the name of a world, too.
+      const bool takes_others = !at->get_options([](const CLI::Option* o) { return o->get_positional(); }).empty();
+      if (takes_others) return "";
       return absl::StrCat("there is no verb \"", argument, "\" of ", path, "; there are ", VerbNames(*at));
     }
     at = *named;
