@@ -149,6 +149,7 @@ TEST(Sequence, MotionIsSmoothAndSessionsDiffer) {
   for (const std::string& name : PresetNames()) {
     const auto options = Preset(name);
     ASSERT_TRUE(options.ok());
+    const double max_turn_rad = name == "spin" ? 0.25 : 0.09;  // that one begins with a fast turn
     for (const int session : {0, 1}) {
       TrajectoryOptions t = options->trajectory;
       t.session = session;
@@ -157,7 +158,7 @@ TEST(Sequence, MotionIsSmoothAndSessionsDiffer) {
       for (double s = 0; s < path->duration_s(); s += 0.05) {
         const SE3 a = path->Pose(s), b = path->Pose(s + 0.05);
         EXPECT_LT((a.translation() - b.translation()).norm(), 0.1) << name << " " << s;
-        EXPECT_LT(AngleRad(a.rotation().conjugate() * b.rotation()), 0.09) << name << " " << s;
+        EXPECT_LT(AngleRad(a.rotation().conjugate() * b.rotation()), max_turn_rad) << name << " " << s;
         // Inside, and upright.
         EXPECT_GT(a.translation().minCoeff(), 0.3) << name << " " << s;
         EXPECT_GT((options->world.size_m - a.translation()).minCoeff(), 0.3) << name << " " << s;
