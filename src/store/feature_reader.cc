@@ -24,7 +24,8 @@ class SqliteFeatureReader : public map::FeatureReader {
     CAIRN_ASSIGN_OR_RETURN(num_words_, ReadNumWords(database_.get()));
     CAIRN_ASSIGN_OR_RETURN(const std::int64_t levels, database_->QueryInt("SELECT orb_num_levels FROM map"));
     num_levels_ = static_cast<int>(levels);
-    CAIRN_ASSIGN_OR_RETURN(select_, database_->Prepare(kFeaturesTable.SelectSql("WHERE keyframe = ?")));
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, database_->QueryInt("PRAGMA user_version"));
+    CAIRN_ASSIGN_OR_RETURN(select_, database_->Prepare(kFeaturesTable.SelectSql("WHERE keyframe = ?", format)));
     return absl::OkStatus();
   }
 
