@@ -7,6 +7,7 @@
 #include "base/version.h"
 #include "engine/session_record.h"
 #include "map/camera_identity.h"
+#include "map/region.h"
 
 namespace cairn::care {
 namespace {
@@ -123,18 +124,9 @@ void MergeCameras(const map::Snapshot& onto, const map::Snapshot& from, Renumber
 }  // namespace
 
 map::Delta AsOneChange(const map::Snapshot& map, const std::string& reason) {
-  map::Delta delta;
+  map::Delta delta = map::AllOf(map);
+  delta.base = 0;
   delta.reason = reason;
-  for (const auto& [id, camera] : map.cameras()) delta.cameras.push_back(camera);
-  for (const auto& [id, session] : map.sessions()) delta.sessions.push_back(session);
-  for (const auto& [id, component] : map.components()) delta.components.push_back(component);
-  map.keyframes().ForEach([&](const auto& keyframe) { delta.keyframes.push_back(keyframe); });
-  map.points().ForEach([&](const auto& point) { delta.points.push_back(point); });
-  delta.next_keyframe = map.next_keyframe();
-  delta.next_point = map.next_point();
-  delta.next_camera = map.next_camera();
-  delta.next_session = map.next_session();
-  delta.next_component = map.next_component();
   return delta;
 }
 
