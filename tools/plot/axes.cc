@@ -36,6 +36,15 @@ void Range::Include(double value) {
   ++count;
 }
 
+Range MiddleOf(std::vector<double> values) {
+  Range range;
+  if (values.empty()) return range;
+  std::sort(values.begin(), values.end());
+  range.Include(values[values.size() / 50]);
+  range.Include(values[values.size() - 1 - values.size() / 50]);
+  return range;
+}
+
 std::vector<double> Ticks(const Range& range, int count) {
   std::vector<double> ticks;
   if (!(range.size() > 0.0)) return ticks;

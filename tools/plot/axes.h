@@ -19,6 +19,9 @@ struct Range {
   int count = 0;
 };
 
+// Of the middle 96 % of the values: what lies far outside does not stretch a picture.
+Range MiddleOf(std::vector<double> values);
+
 // At most about `count` multiples of 1, 2 or 5 times a power of ten inside the range.
 std::vector<double> Ticks(const Range& range, int count);
 // The tick as a number with just the decimals that `step` needs.

@@ -18,16 +18,6 @@ Vector3d MeanUp(std::span<const PlottedKeyframe> keyframes) {
   return up.norm() > 1e-6 ? up.normalized() : Vector3d::UnitZ();
 }
 
-// The range of the middle 96 % of the values.
-Range Middle(std::vector<double> values) {
-  Range range;
-  if (values.empty()) return range;
-  std::sort(values.begin(), values.end());
-  range.Include(values[values.size() / 50]);
-  range.Include(values[values.size() - 1 - values.size() / 50]);
-  return range;
-}
-
 struct View2d {
   Projection projection;
   Range x;
@@ -46,8 +36,8 @@ View2d MakeView(const MapFigure& figure) {
     xs.push_back(q.x());
     ys.push_back(q.y());
   }
-  view.x = Middle(xs);
-  view.y = Middle(ys);
+  view.x = MiddleOf(xs);
+  view.y = MiddleOf(ys);
   for (const Vector3d& p : centers) {
     const Vector3d q = view.projection(p);
     view.x.Include(q.x());

@@ -51,16 +51,6 @@ class Eye {
   double distance_ = 0.0;  // 0: infinitely far away
 };
 
-// Of the middle 96 % of the values.
-Range MiddleOf(std::vector<double> values) {
-  Range range;
-  if (values.empty()) return range;
-  std::sort(values.begin(), values.end());
-  range.Include(values[values.size() / 50]);
-  range.Include(values[values.size() - 1 - values.size() / 50]);
-  return range;
-}
-
 // The positions that decide what is in the picture.
 std::vector<Vector3d> Framed(const SceneFigure& figure) {
   std::vector<double> values[3];
