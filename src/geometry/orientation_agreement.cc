@@ -28,6 +28,14 @@ struct RelativeRotation {
   }
 };
 
+// What is written where nothing is known: the identity on every line. A camera whose first pose is the origin and that
+// never turns would have it, too, but no orientation that was measured is the identity to the last digit.
+bool AreAllIdentity(std::span<const SE3> poses) {
+  constexpr double kLastDigit_rad = 1e-9;
+  return std::all_of(poses.begin(), poses.end(),
+                     [](const SE3& pose) { return AngleRad(pose.rotation()) < kLastDigit_rad; });
+}
+
 // All pairs of a few poses; of many, pairs at distances of 1, 2, 4, ... poses, at most 100 of each.
 std::vector<RelativeRotation> RelativeRotations(std::span<const SE3> a, std::span<const SE3> b) {
   constexpr std::size_t kAllPairs = 40, kPerDistance = 100;
@@ -184,7 +192,7 @@ OrientationAgreement Compare(std::span<const SE3> poses_a, std::span<const SE3> 
 
   // No camera that is carried keeps its orientation to the last digit.
   constexpr double kSame_rad = 1e-4, kTurnsAtAll_rad = 0.0175;
-  if (most_a_rad < kSame_rad && (result.turns || median_turn_rad > kTurnsAtAll_rad)) {
+  if (most_a_rad < kSame_rad && (result.turns || median_turn_rad > kTurnsAtAll_rad || AreAllIdentity(poses_a))) {
     result.kind = OrientationKind::kConstant;
     return result;
   }

@@ -19,7 +19,7 @@ namespace cairn {
 enum class OrientationKind : std::uint8_t {
   kCamera,     // those of the camera
   kBody,       // those of a body to which the camera is fixed, turned by more than a few degrees
-  kConstant,   // the same everywhere although the camera turns: they mean nothing
+  kConstant,   // the same everywhere although the camera turns, or the identity everywhere: they mean nothing
   kUnrelated,  // they turn, but not as the camera does
   // Relative rotations agree, but the positions are not in the same frame: a_from_b of the orientations does not take
   // the positions of b to those of a. Found by AlignPoses, not here.

@@ -1,11 +1,11 @@
 #include "geometry/pose_alignment.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 
@@ -25,8 +25,9 @@ constexpr double kFitsWithin = 5.0;           // sigma
 // What cannot be told from a good pair: a percent of the positions' spread, half a degree.
 constexpr double kFitFloorShare = 0.01;
 constexpr double kFitFloor_rad = 0.0087;
-// Numbers in files are rounded, and covariances must not be 0.
-constexpr double kNoiseFloorShare = 1e-9;
+// Numbers in files are rounded, and covariances must not be 0. With less, what is known only beforehand, as the roll of
+// a straight drive, would be lost in the rounding of the normal equations beside what the positions show.
+constexpr double kNoiseFloorShare = 1e-6;
 constexpr double kNoiseFloor_rad = 1e-6;
 
 // The residuals of one kind, and what they say about its noise.
@@ -218,12 +219,17 @@ class Solver {
     return step;
   }
 
-  // Rows of different units are brought to the same size first.
+  // Rows of different units are brought to the same size first. What rounding leaves open counts as unknown, never as
+  // known: an eigenvalue that should be tiny may come out negative.
   static Information Inverse(const Information& information) {
     const State::Increment unit = information.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     const Information scaled = unit.asDiagonal() * information * unit.asDiagonal();
-    const Information inverse = scaled.ldlt().solve(Information::Identity());
-    return unit.asDiagonal() * (0.5 * (inverse + inverse.transpose())) * unit.asDiagonal();
+    const Eigen::SelfAdjointEigenSolver<Information> eigen(scaled);
+    const State::Increment values =
+        eigen.eigenvalues().cwiseMax(std::numeric_limits<double>::epsilon() * eigen.eigenvalues().maxCoeff());
+    const Information inverse =
+        eigen.eigenvectors() * values.cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
+    return unit.asDiagonal() * inverse * unit.asDiagonal();
   }
 
   static double Cost(const Kind& kind) {
@@ -258,9 +264,12 @@ double MedianError(const Kind& kind) {
   return Median(std::move(lengths));
 }
 
-// Does the rotation of the orientations take the positions of b to those of a, but for 0.1 rad or the noise?
-bool PositionsAgree(const Fit& joint, const Fit& positions, double spread) {
+// Does the rotation of the orientations take the positions of b to those of a, but for 0.1 rad or the noise? Where
+// positions are much the surer of the two the joint fit follows them, and it is the orientations that all stand apart:
+// by more than `noise_rad`, what they differ by from one time to another.
+bool PositionsAgree(const Fit& joint, const Fit& positions, double spread, double noise_rad) {
   constexpr double kMaxTurn_rad = 0.1;
+  if (MedianError(joint.rotation) > std::max(kMaxTurn_rad, 2.0 * noise_rad)) return false;
   const double with = MedianError(joint.position), without = MedianError(positions.position);
   const double allowed = kMaxTurn_rad * spread;
   return with <= 2.0 * without || with * with - without * without <= allowed * allowed;
@@ -394,7 +403,7 @@ absl::StatusOr<PoseAlignment> AlignPoses(std::span<const SE3> poses_a, std::span
       if (other.cost < joint.cost) joint = std::move(other);
     }
     PoseAlignment result;
-    if (!positions || PositionsAgree(joint, *positions, spread)) {
+    if (!positions || PositionsAgree(joint, *positions, spread, orientations.mounted_difference_rad)) {
       result = Summarize(joint, orientations, true, options.with_scale);
       result.spread = Spread(poses_a, result.fits);
       return result;

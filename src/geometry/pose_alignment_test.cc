@@ -215,16 +215,50 @@ TEST(PoseAlignment, InvertedPosesAreToldAndDoNotFit) {
   EXPECT_FALSE(CheckDetermined(*found).ok() && CheckFits(*found).ok());
 }
 
-// The camera drives straight along its axis; identity orientations in a frame where that axis points elsewhere.
+// A GPS track of a straight drive: the identity on every line. With the drive along an axis that fits, nothing
+// contradicts it, and the roll about the line would be made up.
 TEST(PoseAlignment, AStraightTrackWithIdentityOrientationsIsRefused) {
   Random random(6);
-  Poses poses = Straight();
-  poses.Disturb(random, 0.02, 0.0);
-  for (SE3& pose : poses.a) pose = SE3(Quaterniond::Identity(), pose.translation());
-  const auto found = AlignPoses(poses.a, poses.b);
-  ASSERT_TRUE(found.ok()) << found.status();
-  EXPECT_EQ(found->orientations.kind, OrientationKind::kOtherFrame);
-  EXPECT_FALSE(CheckDetermined(*found).ok());
+  for (const double noise_m : {0.0, 0.001, 0.02}) {
+    for (const Vector3d& mount_rad : {Vector3d(0, 0, 0), Vector3d(0, 0, 1.2), Vector3d(0.3, -0.2, 0.1)}) {
+      for (const double wobble_rad : {0.0, 0.002}) {
+        Poses poses = Straight();
+        poses.Disturb(random, noise_m, 0.0);
+        for (SE3& pose : poses.a) pose = SE3(Quaterniond::Identity(), pose.translation());
+        for (SE3& pose : poses.b) {
+          const SE3 turned = SE3(ExpSO3(mount_rad), Vector3d::Zero()) * pose;
+          pose = SE3(turned.rotation() * ExpSO3(Noise(random, wobble_rad)), turned.translation());
+        }
+        const auto found = AlignPoses(poses.a, poses.b);
+        ASSERT_TRUE(found.ok()) << found.status();
+        EXPECT_EQ(found->orientations.kind, OrientationKind::kConstant);
+        EXPECT_FALSE(found->orientations_used);
+        EXPECT_FALSE(CheckDetermined(*found).ok());
+      }
+    }
+  }
+}
+
+// Those of a frame that the positions are not in, the same everywhere: whatever the noise of either, they are not
+// followed, nor called the camera's because the positions outweigh them.
+TEST(PoseAlignment, AStraightTrackWithOrientationsOfAnotherFrameIsRefused) {
+  Random random(7);
+  for (const double noise_m : {0.0, 1e-6, 0.001, 0.02}) {
+    for (const double angle_rad : {0.3, 1.2, 2.9}) {
+      for (const double wobble_rad : {0.0, 0.002}) {
+        Poses poses = Straight();
+        poses.Disturb(random, noise_m, 0.0);
+        const Quaterniond other = ExpSO3(Vector3d(0.1, angle_rad, 0.2));
+        for (SE3& pose : poses.a) pose = SE3(pose.rotation() * other, pose.translation());
+        for (SE3& pose : poses.b) pose = SE3(pose.rotation() * ExpSO3(Noise(random, wobble_rad)), pose.translation());
+        const auto found = AlignPoses(poses.a, poses.b);
+        ASSERT_TRUE(found.ok()) << found.status();
+        EXPECT_EQ(found->orientations.kind, OrientationKind::kOtherFrame) << noise_m << " " << angle_rad;
+        EXPECT_FALSE(found->orientations_used);
+        EXPECT_FALSE(CheckDetermined(*found).ok()) << noise_m << " " << angle_rad;
+      }
+    }
+  }
 }
 
 TEST(PoseAlignment, ABodysOrientationsGiveTheMountToo) {

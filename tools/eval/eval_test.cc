@@ -182,7 +182,7 @@ TEST(Rpe, ABodysOrientationsAreTurnedToTheCameras) {
 }
 
 // A GPS track of a drive straight ahead: the camera hardly turns, so that orientations that are all the same agree with
-// it, but not with the direction of the positions.
+// it.
 TEST(Rpe, ADriveStraightAheadHasNoOrientationsInAGpsTrack) {
   Random random(4);
   std::vector<io::StampedPose> gps, est;
@@ -196,7 +196,7 @@ TEST(Rpe, ADriveStraightAheadHasNoOrientationsInAGpsTrack) {
   }
   const auto result = EvaluateRpe(est, gps);
   ASSERT_TRUE(result.ok()) << result.status();
-  EXPECT_EQ(result->orientations.kind, OrientationKind::kOtherFrame);
+  EXPECT_EQ(result->orientations.kind, OrientationKind::kConstant);
   EXPECT_LT(result->per_delta[0].translation_m.rmse, 0.2) << "the noise of two positions";
   EXPECT_EQ(result->per_delta[0].rotation_rad.count, 0);
 }
