@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/thread_priority.h"
 #include "place/default_vocabulary.h"
 #include "store/fault.h"
 #include "wire/convert_map_rows.h"
@@ -221,6 +222,9 @@ absl::Status FollowedMap::ReadUpdates(grpc::ClientReader<v1::FollowMapResponse>*
     if (status.ok() && *last) {
       absl::StatusOr<wire::MapUpdate> update = reader->Take();
       status = update.ok() ? Apply(*update) : update.status();
+      // The first view is waited for; what comes later must not take the processor from the frames of this tracker and
+      // of others, all of which get it at the same moment.
+      if (status.ok() && !std::exchange(yields_, true)) YieldToOthers();
       if (status.ok()) reader = std::make_unique<wire::UpdateReader>(begin());
     }
     if (absl::IsFailedPrecondition(status) || absl::IsAborted(status)) return status;

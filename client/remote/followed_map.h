@@ -84,6 +84,7 @@ class FollowedMap : public std::enable_shared_from_this<FollowedMap> {
   // Of the thread.
   std::shared_ptr<const place::Vocabulary> vocabulary_;  // the last one used, or one that is likely
   bool anew_ = false;                                    // what is held cannot be led on
+  bool yields_ = false;                                  // to other threads
 
   mutable std::mutex mutex_;  // guards what follows
   mutable std::condition_variable changed_;
