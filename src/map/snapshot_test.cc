@@ -5,6 +5,7 @@
 #include <cmath>
 #include <optional>
 
+#include "map/region.h"
 #include "map/testing_map.h"
 
 namespace cairn::map {
@@ -103,6 +104,44 @@ TEST(Snapshot, RefusesDeltasThatDoNotResolve) {
   delta.points = {point};
   EXPECT_TRUE(refused(delta));
   EXPECT_TRUE(map.CheckConsistency().ok());
+}
+
+// As a whole map comes from a file or over the network.
+TEST(Snapshot, RefusesWholeMapsWhoseKeyframesAndPointsDisagree) {
+  const TestMap world = MakeMap(5, 3, 100);
+  const auto nothing = Snapshot::Empty(world.snapshot->info(), world.snapshot->revision() - 1);
+  const Delta all = AllOf(*world.snapshot);
+  ASSERT_TRUE(nothing->Apply(all).ok());
+
+  // A feature of the second keyframe that has a point, which the third sees, too.
+  const Keyframe& second = world.snapshot->keyframe(KeyframeId(2));
+  std::uint32_t feature = 0;
+  while (!second.points[feature] || world.snapshot->point(second.points[feature]).observations.size() < 3) ++feature;
+  const PointId seen = second.points[feature];
+  const auto with_point = [&](PointId point, std::uint32_t at) {
+    Delta changed = all;
+    auto keyframe = std::make_shared<Keyframe>(second);
+    keyframe->points[at] = point;
+    changed.keyframes[1] = std::move(keyframe);
+    return nothing->Apply(changed).status();
+  };
+  EXPECT_TRUE(with_point(seen, feature).ok());
+  std::uint32_t other = 0;
+  while (other == feature || !second.points[other]) ++other;
+  EXPECT_FALSE(with_point(PointId(), feature).ok()) << "a point has an observation that its keyframe has not";
+  EXPECT_FALSE(with_point(second.points[other], feature).ok()) << "one of another feature";
+  EXPECT_FALSE(with_point(PointId(99999), feature).ok()) << "one that is not there";
+
+  // A point that does not know of a keyframe that observes it, though all that it knows is true.
+  Delta changed = all;
+  const auto at = std::ranges::find(all.points, seen, [](const auto& point) { return point->id; }) - all.points.begin();
+  auto point = std::make_shared<MapPoint>(*all.points[at]);
+  std::erase_if(point->observations, [](const Observation& o) { return o.keyframe == KeyframeId(2); });
+  point->reference = point->observations.front();
+  changed.points[at] = std::move(point);
+  const absl::Status status = nothing->Apply(changed).status();
+  EXPECT_FALSE(status.ok());
+  EXPECT_NE(status.message().find("does not know"), std::string::npos) << status;
 }
 
 // What was removed must have been unlinked by whoever removed it: a map that is committed can be loaded again.
