@@ -212,7 +212,7 @@ struct RouteAnswer {
   Route route;
   AnswerRoute answer;
 };
-constexpr std::array<RouteAnswer, 21> kAnswers = {{
+constexpr std::array<RouteAnswer, 22> kAnswers = {{
     {{"GET", "/v1/maps"}, [](const Call& c) { return AnsweredAsIs(c, "Maps.ListMaps", ListMaps); }},
     {{"POST", "/v1/maps"}, [](const Call& c) { return AnsweredAsIs(c, "Admin.CreateMap", CreateMap); }},
     {{"GET", "/v1/maps/{map}"}, [](const Call& c) { return AnsweredOfMap(c, "Maps.DescribeMap", DescribeMap); }},
@@ -226,6 +226,8 @@ constexpr std::array<RouteAnswer, 21> kAnswers = {{
      [](const Call& c) { return AnsweredOfMap(c, "Admin.SnapshotMap", SnapshotMap); }},
     {{"POST", "/v1/maps/{map}:verify"}, [](const Call& c) { return AnsweredOfMap(c, "Admin.VerifyMap", VerifyMap); }},
     {{"POST", "/v1/maps/{map}:align"}, [](const Call& c) { return AnsweredOfMap(c, "Admin.AlignMap", AlignMap); }},
+    {{"POST", "/v1/maps/{map}:removeSession"},
+     [](const Call& c) { return AnsweredOfMap(c, "Admin.RemoveSession", RemoveSession); }},
     {{"POST", "/v1/localize"}, LocalizeInMapsOver},
     {{"GET", "/v1/deleted"}, [](const Call& c) { return AnsweredAsIs(c, "Admin.ListDeletedMaps", ListDeletedMaps); }},
     {{"POST", "/v1/deleted/{map}:restore"}, RestoreOver},

@@ -351,6 +351,9 @@ TEST_F(HttpApiTest, TheDescriptionHasEveryRouteAndFitsTheAnswers) {
   CheckAgainst(json::parse(Get("/v1/deleted").body), schema("/v1/deleted", "get", "200"), described);
   const std::string name = deleted["deleted"].get<std::string>();
   post("/v1/deleted/" + name + ":restore", "/v1/deleted/{map}:restore", R"({"as": "back"})");
+  const json removal = post("/v1/maps/back:removeSession", "/v1/maps/{map}:removeSession", R"({"session": 1})");
+  EXPECT_NE(removal["keyframes"], "0");
+  EXPECT_EQ(api_->Handle({"POST", "/v1/maps/back:removeSession", "application/json", R"({"session": 9})"}).status, 404);
   CheckAgainst(json::parse(Get("/v1/status").body), schema("/v1/status", "get", "501"), described);
 }
 

@@ -75,6 +75,13 @@ class ServedSessions(unittest.TestCase):
         self.assertEqual([s['complete'] for s in info['sessions']], [True, True])
         self.assertEqual(info['revision'], extended['revision'])
 
+    def test_says_when_it_is_found_and_joined(self):
+        self.run_served(self.first, '--map', 'office')
+        answer = cairn('--server', self.server.address, 'run', self.second, '--until', 3, '--map', 'office', '--extend', json_output=False)
+        self.assertEqual(answer.code, 0, f'{answer.out}{answer.err}')
+        self.assertRegex(answer.err, r'looks like component 1 after \d')
+        self.assertRegex(answer.err, r'joined to component 1 at \d')
+
     def assert_status_is_of(self, revision):
         """Without anybody having asked for the map since."""
         status = must('--server', self.server.address, 'top')
