@@ -171,15 +171,24 @@ map::MapInfo NewMapInfo(const map::MapInfo& like, const std::string& name) {
   return info;
 }
 
-absl::Status WriteNewMap(const map::Snapshot& map, const map::MapInfo& info, const std::string& vocabulary,
-                         const std::string& uri, bool overwrite, const std::string& reason) {
+absl::StatusOr<std::unique_ptr<store::MapStore>> PrepareNewMap(const map::Snapshot& map, const map::MapInfo& info,
+                                                               const std::string& vocabulary, const std::string& uri,
+                                                               bool overwrite, const std::string& reason) {
   store::CreateOptions options;
   options.overwrite = overwrite;
+  options.whole = true;
   options.vocabulary = vocabulary;
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store, store::CreateMapStore(uri, info, options));
+  CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<store::MapStore> store, store::CreateMapStore(uri, info, options));
   const map::Delta delta = AsOneChange(map, reason);
   CAIRN_RETURN_IF_ERROR(map::Snapshot::Empty(info)->Apply(delta).status());
   CAIRN_RETURN_IF_ERROR(store->Commit(delta));
+  return store;
+}
+
+absl::Status WriteNewMap(const map::Snapshot& map, const map::MapInfo& info, const std::string& vocabulary,
+                         const std::string& uri, bool overwrite, const std::string& reason) {
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
+                         PrepareNewMap(map, info, vocabulary, uri, overwrite, reason));
   return store->Close();
 }
 

@@ -26,8 +26,14 @@ absl::StatusOr<map::Delta> Beside(const map::Snapshot& onto, const map::Snapshot
 // Ids of a new map, and what it is called; the rest as in `like`.
 map::MapInfo NewMapInfo(const map::MapInfo& like, const std::string& name);
 
-// A new map file with the content of `map` under `info`, complete or not there at all. `vocabulary`: serialised, may be
-// empty. Errors as of store::CreateMapStore.
+// A new map file with the content of `map` under `info`, written and on the disk, which is at its name once the store
+// is closed; nothing of it stays if it is not. `vocabulary`: serialised, may be empty. Errors as of
+// store::CreateMapStore.
+absl::StatusOr<std::unique_ptr<store::MapStore>> PrepareNewMap(const map::Snapshot& map, const map::MapInfo& info,
+                                                               const std::string& vocabulary, const std::string& uri,
+                                                               bool overwrite, const std::string& reason);
+
+// The same with the store closed: the file is there, complete, or not at all.
 absl::Status WriteNewMap(const map::Snapshot& map, const map::MapInfo& info, const std::string& vocabulary,
                          const std::string& uri, bool overwrite, const std::string& reason);
 

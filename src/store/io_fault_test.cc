@@ -104,5 +104,44 @@ TEST(IoFault, OfEveryCallOfAnOpening) {
   }
 }
 
+// A map that is to be there whole or not at all; every other time in place of another one.
+TEST(IoFault, OfEveryCallOfMakingAWholeMap) {
+  map::MapInfo info = testing::TestInfo();
+  info.vocabulary_hash = 0;
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn"), original = folder.File("original");
+  const SnapshotPtr old = MakeMap(original, 2, 2, {.features = 30, .new_points = 8});
+  bool failed = true;
+  for (int n = 1; failed; ++n) {
+    const bool replaces = n % 2 == 0;
+    for (const std::string& name : folder.Names()) {
+      if (name != "original") std::filesystem::remove(folder.File(name));
+    }
+    if (replaces) std::filesystem::copy_file(original, path);
+    SnapshotPtr made = map::Snapshot::Empty(info);
+    FailingVfs vfs;
+    vfs.FailAt(n, /*for_ever=*/true);
+    const absl::Status written = [&] {
+      auto store = CreateMapStore(path, info, {.overwrite = replaces, .whole = true});
+      MapGrower grower(3, {.features = 30, .new_points = 8});
+      for (int i = 0; i < 2 && store.ok(); ++i) {
+        const map::Delta delta = i == 0 ? grower.Start(made) : grower.AddKeyframe(made);
+        const absl::Status committed = (*store)->Commit(delta);
+        if (!committed.ok()) return committed;
+        made = *made->Apply(delta);
+      }
+      return store.ok() ? (*store)->Close() : store.status();
+    }();
+    failed = vfs.failed() > 0;
+    vfs.FailAt(0, false);
+    EXPECT_TRUE(written.ok() || failed) << written;
+    ASSERT_EQ(std::filesystem::exists(path), replaces || written.ok()) << "call " << n;
+    if (std::filesystem::exists(path)) {
+      EXPECT_TRUE(SameBits(*LoadVerified(path), written.ok() ? *made : *old)) << "call " << n;
+    }
+    EXPECT_TRUE(failed || n > 20);
+  }
+}
+
 }  // namespace
 }  // namespace cairn::store

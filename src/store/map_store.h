@@ -40,6 +40,9 @@ struct CreateOptions {
   std::string vocabulary = {};  // serialised; stored with the map from the start (or later by PutVocabulary)
   // The map is there at once, without keyframes.
   bool at_once = false;
+  // The map is at its name only once Close() has said OK, with everything that was committed; until then it is beside,
+  // as one that replaces another, and if the store goes without Close(), nothing of it stays.
+  bool whole = false;
   WriteOptions write = {};
 };
 

@@ -17,7 +17,14 @@ NewSqliteMap::NewSqliteMap(std::string path, std::string resolved, const map::Ma
       options_(std::move(options)),
       current_(map::Snapshot::Empty(info)) {}
 
-NewSqliteMap::~NewSqliteMap() { Close().IgnoreError(); }
+NewSqliteMap::~NewSqliteMap() {
+  if (options_.whole && file_) {
+    file_->Close().IgnoreError();
+    file_.reset();
+    RemoveFresh();
+  }
+  Close().IgnoreError();
+}
 
 absl::StatusOr<std::unique_ptr<MapStore>> NewSqliteMap::Create(const std::string& path, const map::MapInfo& info,
                                                                CreateOptions options) {
@@ -63,12 +70,12 @@ absl::Status NewSqliteMap::MakeFile() {
     return MakeFault(Fault::kExists, "another file was put in its place meanwhile");
   }
   const std::string fresh = absl::StrCat(resolved_, kNewSuffix);
-  const std::string& at = replaces_ ? fresh : resolved_;
+  const std::string& at = IsBeside() ? fresh : resolved_;
   const auto remove = [&at] {
     unlink(at.c_str());
     RemoveCompanions(at);
   };
-  if (replaces_) {
+  if (IsBeside()) {
     MapRow row;
     row.info = current_->info();
     CAIRN_RETURN_IF_ERROR(WriteMapAt(fresh, row, options_.vocabulary));
@@ -107,10 +114,20 @@ absl::Status NewSqliteMap::Close() {
   if (file_) {
     status = file_->Close();
     file_.reset();
-    if (status.ok() && replaces_) status = Annotate(PutInPlaceOfOld(), absl::StrCat("map ", path_));
+    if (status.ok() && IsBeside()) {
+      status = Annotate(PutInPlaceOfOld(), absl::StrCat("map ", path_));
+    } else if (options_.whole) {
+      RemoveFresh();
+    }
   }
   lock_.reset();
   return status;
+}
+
+void NewSqliteMap::RemoveFresh() {
+  const std::string fresh = absl::StrCat(resolved_, kNewSuffix);
+  unlink(fresh.c_str());
+  RemoveCompanions(fresh);
 }
 
 absl::Status NewSqliteMap::PutInPlaceOfOld() {

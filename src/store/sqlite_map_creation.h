@@ -1,5 +1,5 @@
-// A map that comes into being with its first keyframe, and replaces another one, if that was asked for, when it is
-// closed: store::CreateMapStore for files.
+// A map that comes into being with its first keyframe, or, if that was asked for, replaces another one or is there at
+// all when it is closed: store::CreateMapStore for files.
 #pragma once
 
 #include <memory>
@@ -39,7 +39,10 @@ class NewSqliteMap : public MapStore {
   NewSqliteMap(std::string path, std::string resolved, const map::MapInfo& info, CreateOptions options);
   absl::Status LockReplaced();
   absl::Status MakeFile();
+  // Whether the file is made beside its name, and put there by Close().
+  bool IsBeside() const { return replaces_ || options_.whole; }
   absl::Status PutInPlaceOfOld();
+  void RemoveFresh();
   absl::Status RequireFile() const;
 
   std::string path_;

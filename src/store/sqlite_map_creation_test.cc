@@ -95,6 +95,36 @@ TEST(SqliteMapCreation, TheOldMapStaysUntilTheNewOneIsComplete) {
   EXPECT_TRUE(SameBits(*LoadMap(path), *map));
 }
 
+TEST(SqliteMapCreation, WhatIsToBeWholeIsThereOnceItIsClosed) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  const SnapshotPtr old = MakeMap(folder.File("old.cairn"), 4, 3);
+  for (const bool replaces : {false, true}) {
+    for (const bool closes : {false, true}) {
+      if (replaces) std::filesystem::copy_file(folder.File("old.cairn"), path);
+      auto store = *CreateMapStore(path, TestInfo(), {.overwrite = replaces, .whole = true});
+      MapGrower grower(5);
+      SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+      for (int i = 0; i < 3; ++i) {
+        const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
+        ASSERT_TRUE(store->Commit(delta).ok());
+        map = *map->Apply(delta);
+      }
+      EXPECT_EQ(std::filesystem::exists(path), replaces);
+      if (closes) {
+        ASSERT_TRUE(store->Close().ok());
+      }
+      store.reset();
+      ASSERT_EQ(std::filesystem::exists(path), replaces || closes);
+      if (replaces || closes) {
+        EXPECT_TRUE(SameBits(*LoadMap(path), closes ? *map : *old));
+      }
+      std::filesystem::remove(path);
+      EXPECT_THAT(folder.Names(), ElementsAre("old.cairn"));
+    }
+  }
+}
+
 TEST(SqliteMapCreation, AKilledOverwriteLosesNeither) {
   const TempFolder folder;
   const std::string path = folder.File("a.cairn");

@@ -1,6 +1,7 @@
 """Runs the `cairn` binary (environment variable CAIRN_BINARY) for tests."""
 import json
 import os
+import resource
 import subprocess
 
 BINARY = os.environ['CAIRN_BINARY']
@@ -15,11 +16,15 @@ class Answer:
         return json.loads(self.out)
 
 
-def cairn(*arguments, json_output=True):
+def cairn(*arguments, json_output=True, most_bytes=None):
+    """`most_bytes`: no file can become larger, as if the disk were full."""
     command = [BINARY, *map(str, arguments)]
     if json_output:
         command.append('--json')
-    return Answer(subprocess.run(command, capture_output=True, text=True, timeout=900))
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+    return Answer(subprocess.run(command, capture_output=True, text=True, timeout=900, preexec_fn=limit if most_bytes else None))
 
 
 def must(*arguments):

@@ -42,6 +42,7 @@ absl::StatusOr<care::ModelImport> RunImport(const ImportCommand& command) {
   info.vocabulary_hash = words->hash();
   store::CreateOptions create;
   create.overwrite = command.overwrite;
+  create.whole = true;
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::LiveMap> live,
                          engine::LiveMap::Create(command.out, info, words, create));
   Progress progress("import", static_cast<std::int64_t>(model.images.size()), command.json);

@@ -1,4 +1,7 @@
 // cairn split: parts of a map as maps of their own.
+#include <sys/resource.h>
+
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <filesystem>
@@ -15,6 +18,8 @@
 
 namespace cairn::cli {
 namespace {
+
+constexpr std::size_t kFilesOfMap = 8;  // that a map has open while it is written, at most
 
 struct SplitCommand {
   std::string map, out;
@@ -62,6 +67,14 @@ std::vector<Part> PartsOf(const SplitCommand& command, const map::Snapshot& map)
   return parts;
 }
 
+// So many more than usual, if the system lets the process have them; if not, opening one says so.
+void AllowOpenFiles(std::size_t more) {
+  rlimit limit = {};
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, limit.rlim_cur + more);
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 absl::StatusOr<std::vector<Part>> RunSplit(const SplitCommand& command) {
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("split", command.map));
   std::vector<Part> parts = PartsOf(command, *loaded.map);
@@ -84,10 +97,15 @@ absl::StatusOr<std::vector<Part>> RunSplit(const SplitCommand& command) {
     part.points = static_cast<std::int64_t>((*map)->points().size());
     made.push_back(*std::move(map));
   }
+  // All are written before the first one gets its name.
+  AllowOpenFiles(kFilesOfMap * parts.size());
+  std::vector<std::unique_ptr<store::MapStore>> written;
   for (std::size_t i = 0; i < parts.size(); ++i) {
-    CAIRN_RETURN_IF_ERROR(care::WriteNewMap(*made[i], made[i]->info(), loaded.Vocabulary(), parts[i].file,
-                                            command.overwrite, absl::StrCat("split off ", parts[i].name)));
+    CAIRN_ASSIGN_OR_RETURN(written.emplace_back(),
+                           care::PrepareNewMap(*made[i], made[i]->info(), loaded.Vocabulary(), parts[i].file,
+                                               command.overwrite, absl::StrCat("split off ", parts[i].name)));
   }
+  for (const std::unique_ptr<store::MapStore>& store : written) CAIRN_RETURN_IF_ERROR(store->Close());
   return parts;
 }
 

@@ -185,6 +185,7 @@ absl::StatusOr<MapCopies> CopyMap(const MapCopiesOptions& options, const std::st
   info.geo_anchor.reset();
   store::CreateOptions create;
   create.overwrite = options.overwrite;
+  create.whole = true;
   create.vocabulary = vocabulary.words->Serialize();
   create.write.sync_every_commit = false;
   CAIRN_ASSIGN_OR_RETURN(const auto made, store::CreateMapStore(out, info, create));
