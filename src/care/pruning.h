@@ -21,7 +21,7 @@ struct PruneOptions {
   // redundant as `min_redundancy`: half of that is the mean of the shares of its points that one, two and three others
   // see as well, half the largest share that a single one of them sees.
   std::optional<std::int64_t> budget_bytes;
-  double min_redundancy = 0.85;
+  double min_redundancy = 0.7;
   int min_keyframes = 3;  // of a component that are left, whatever the budget
 
   absl::Status Validate() const;

@@ -46,11 +46,38 @@ TEST_F(PruningTest, WhatOthersShowGoesAndTheMapIsAsGood) {
   ASSERT_TRUE(after.ok()) << after.status();
   ASSERT_TRUE((*after)->CheckConsistency().ok());
   inspect::CoverageOptions coverage;
-  coverage.max_tests = 12;
+  coverage.max_tests = 5;
   const auto queries = CompareSelfQueries(*room_.View(map_), *room_.View(*after), coverage);
   ASSERT_TRUE(queries.ok()) << queries.status();
-  EXPECT_GE(queries->views, 8);
-  EXPECT_GE(queries->found_after, queries->found_before - 1);
+  EXPECT_GE(queries->whole.views, 4);
+  EXPECT_GE(queries->whole.found_after, queries->whole.found_before - 1);
+  EXPECT_EQ(queries->halves.views, 4 * queries->whole.views);
+}
+
+// What is lost shows where views show less, before whole ones get lost.
+TEST_F(PruningTest, WhatIsLostShowsInHalvesFirst) {
+  map::Edit edit(map_);
+  // Nine points of ten go: a map that is hardly good for anything.
+  map_->points().ForEach([&](const auto& point) {
+    if (point->id.value() % 10 != 0) edit.ErasePoint(point->id);
+  });
+  const auto thin = map_->Apply(edit.Finish("thinned"));
+  ASSERT_TRUE(thin.ok()) << thin.status();
+  inspect::CoverageOptions coverage;
+  coverage.max_tests = 4;
+  const auto queries = CompareSelfQueries(*room_.View(map_), *room_.View(*thin), coverage);
+  ASSERT_TRUE(queries.ok()) << queries.status();
+  EXPECT_GT(queries->halves.loss(), 0.3);
+  EXPECT_GE(queries->halves.loss(), queries->whole.loss());
+  EXPECT_GE(queries->halves.LossAtMost(), queries->halves.loss());
+}
+
+TEST(QueryCount, WhatMayBeLostShrinksWithWhatWasAsked) {
+  EXPECT_EQ(QueryCount().LossAtMost(), 1.0);
+  // By the interval's formula: z^2 / (n + z^2) if nothing is lost.
+  EXPECT_NEAR((QueryCount{26, 26, 26, 0}).LossAtMost(), 2.706 / 28.706, 1e-3);
+  EXPECT_NEAR((QueryCount{1000, 1000, 900, 100}).LossAtMost(), 0.1168, 1e-3);
+  EXPECT_NEAR((QueryCount{5, 5, 0, 5}).LossAtMost(), 1.0, 1e-9);
 }
 
 TEST_F(PruningTest, ABudgetIsKeptAndPredicted) {

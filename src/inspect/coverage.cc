@@ -46,6 +46,25 @@ std::optional<map::Delta> Without(const std::shared_ptr<const map::Snapshot>& ma
   return edit.Finish("coverage");
 }
 
+// What of an image lies in a part of it, and the pinhole of that part.
+image::Features SeenIn(const ViewPart& part, const image::Features& all, Pinhole* pinhole) {
+  const double x0 = std::floor(part.left * pinhole->width_px), y0 = std::floor(part.top * pinhole->height_px);
+  pinhole->width_px = static_cast<int>(std::floor(part.right * pinhole->width_px) - x0);
+  pinhole->height_px = static_cast<int>(std::floor(part.bottom * pinhole->height_px) - y0);
+  pinhole->cx_px -= x0;
+  pinhole->cy_px -= y0;
+  image::Features seen;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    image::Keypoint keypoint = all.keypoints[i];
+    keypoint.x_px -= static_cast<float>(x0);
+    keypoint.y_px -= static_cast<float>(y0);
+    if (!pinhole->Contains({keypoint.x_px, keypoint.y_px})) continue;
+    seen.keypoints.push_back(keypoint);
+    seen.descriptors.push_back(all.descriptors[i]);
+  }
+  return seen;
+}
+
 CoverageResult Judge(const map::Snapshot& map, const map::Keyframe& keyframe, const tracking::Relocalization& found,
                      double median_depth, const CoverageOptions& options) {
   if (!found.localized) return CoverageResult::kMissed;
@@ -126,8 +145,9 @@ CoverageCell CellOf(const Coverage& coverage, const Vector3d& placed) {
   return cell;
 }
 
-absl::StatusOr<std::optional<CoverageTest>> AskForKeyframe(const tracking::MapView& view, const map::Snapshot& map,
-                                                           KeyframeId asked, const CoverageOptions& options) {
+absl::StatusOr<std::vector<CoverageTest>> AskForKeyframe(const tracking::MapView& view, const map::Snapshot& map,
+                                                         KeyframeId asked, const CoverageOptions& options,
+                                                         const std::vector<ViewPart>& parts) {
   if (view.places() == nullptr) {
     return absl::FailedPreconditionError("the map has no vocabulary, so that no place can be found in it");
   }
@@ -137,17 +157,23 @@ absl::StatusOr<std::optional<CoverageTest>> AskForKeyframe(const tracking::MapVi
   test.component = keyframe.component;
   test.placed_from_camera = PlacedPose(map, keyframe);
   const auto delta = Without(view.snapshot(), keyframe, options.same_view_share, &test.left_out);
-  if (!delta) return std::nullopt;
+  std::vector<CoverageTest> tests;
+  if (!delta) return tests;
   CAIRN_ASSIGN_OR_RETURN(const auto rest, view.After(*delta));
   const tracking::Relocalizer relocalizer(options.relocalizer);
   const auto features = keyframe.features.Get();
-  CAIRN_ASSIGN_OR_RETURN(
-      const tracking::Relocalization found,
-      relocalizer.Relocalize(rest->map(), *rest->places(), map.pinhole(keyframe.camera), features->features));
-  test.result = Judge(rest->map(), keyframe, found, MedianDepth(Measure(map, keyframe)), options);
-  test.stage = found.stage;
-  test.inliers = found.counts.inliers;
-  return test;
+  const double median_depth = MedianDepth(Measure(map, keyframe));
+  for (const ViewPart& part : parts) {
+    Pinhole pinhole = map.pinhole(keyframe.camera);
+    const image::Features seen = SeenIn(part, features->features, &pinhole);
+    CAIRN_ASSIGN_OR_RETURN(const tracking::Relocalization found,
+                           relocalizer.Relocalize(rest->map(), *rest->places(), pinhole, seen));
+    test.result = Judge(rest->map(), keyframe, found, median_depth, options);
+    test.stage = found.stage;
+    test.inliers = found.counts.inliers;
+    tests.push_back(test);
+  }
+  return tests;
 }
 
 absl::StatusOr<Coverage> MeasureCoverage(const tracking::MapView& view, const CoverageOptions& options,
@@ -165,8 +191,8 @@ absl::StatusOr<Coverage> MeasureCoverage(const tracking::MapView& view, const Co
   for (std::size_t i = 0; i < count; ++i) {
     const map::Keyframe& keyframe = map.keyframe(all[i * all.size() / count]);
     CAIRN_ASSIGN_OR_RETURN(const auto test, AskForKeyframe(view, map, keyframe.id, options));
-    if (!test) continue;
-    coverage.tests.push_back(*test);
+    if (test.empty()) continue;
+    coverage.tests.push_back(test[0]);
     depths.push_back(MedianDepth(Measure(map, keyframe)) * PlacedScale(map, keyframe.component));
     if (progress && !progress(static_cast<int>(i + 1), static_cast<int>(count))) break;
   }

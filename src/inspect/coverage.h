@@ -66,12 +66,18 @@ struct Coverage {
   std::vector<std::string> warnings;
 };
 
-// Whether the image of keyframe `asked` of `map` is found in `view`, a later state of that map or the map itself,
-// without the keyframe and those that see the same; what is far, near and right is as it stands in `map`. Nothing if
-// the keyframe is the root of a tree in `view`, and so cannot be taken out. FailedPrecondition: the map has no
-// vocabulary.
-absl::StatusOr<std::optional<CoverageTest>> AskForKeyframe(const tracking::MapView& view, const map::Snapshot& map,
-                                                           KeyframeId asked, const CoverageOptions& options);
+// A part of an image, in shares of its width and height: what a camera with a narrower view would have seen.
+struct ViewPart {
+  double left = 0.0, top = 0.0, right = 1.0, bottom = 1.0;
+};
+
+// Whether these parts of the image of keyframe `asked` of `map` are found in `view`, a later state of that map or the
+// map itself, each by itself and without the keyframe and those that see the same; what is far, near and right is as it
+// stands in `map`. None if the keyframe is the root of a tree in `view`, and so cannot be taken out.
+// FailedPrecondition: the map has no vocabulary.
+absl::StatusOr<std::vector<CoverageTest>> AskForKeyframe(const tracking::MapView& view, const map::Snapshot& map,
+                                                         KeyframeId asked, const CoverageOptions& options,
+                                                         const std::vector<ViewPart>& parts = {ViewPart()});
 
 // The cell of a position.
 CoverageCell CellOf(const Coverage& coverage, const Vector3d& placed);

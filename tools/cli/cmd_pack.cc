@@ -8,6 +8,7 @@
 #include "care/whole_map.h"
 #include "cli/cli.h"
 #include "cli/loaded_map.h"
+#include "cli/self_query_report.h"
 #include "store/map_store.h"
 #include "text/text.h"
 
@@ -77,14 +78,13 @@ void PrintPack(const PackCommand& command, const PackReport& report) {
   std::printf("%s: %.1f MB, was %.1f MB (of both the vocabulary takes %.1f MB)\n", text::Shown(command.out).c_str(),
               static_cast<double>(report.bytes_after) / 1e6, static_cast<double>(report.bytes_before) / 1e6,
               static_cast<double>(report.vocabulary_bytes) / 1e6);
-  std::printf("  %lld of %lld features are kept, %zu of %lld points; %.1f kB per keyframe (%.1f per 1000 features)\n",
+  std::printf("  %lld of %lld features are kept, %zu of %lld points\n  %.1f kB per keyframe (%.1f per 1000 features)\n",
               static_cast<long long>(report.packed.features_after),
               static_cast<long long>(report.packed.features_before), report.packed.map->points().size(),
               static_cast<long long>(report.points_before), report.BytesPerKeyframe() / 1e3,
               report.FeaturesPerKeyframe() > 0.0 ? report.BytesPerKeyframe() / report.FeaturesPerKeyframe() : 0.0);
   if (!report.queries) return;
-  std::printf("  of %d of its own views %d were found without their keyframe, now %d\n", report.queries->views,
-              report.queries->found_before, report.queries->found_after);
+  PrintSelfQueries(*report.queries);
 }
 
 void PrintPackJson(const PackCommand& command, const PackReport& report) {
@@ -102,11 +102,7 @@ void PrintPackJson(const PackCommand& command, const PackReport& report) {
   if (report.FeaturesPerKeyframe() > 0.0) {
     json["bytes_per_keyframe_and_1000_features"] = 1000.0 * report.BytesPerKeyframe() / report.FeaturesPerKeyframe();
   }
-  if (report.queries) {
-    json["views"] = report.queries->views;
-    json["found_before"] = report.queries->found_before;
-    json["found_after"] = report.queries->found_after;
-  }
+  if (report.queries) json.update(SelfQueriesAsJson(*report.queries));
   PrintJson(json);
 }
 

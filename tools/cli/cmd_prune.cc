@@ -6,6 +6,7 @@
 #include "care/pruning.h"
 #include "cli/cli.h"
 #include "cli/loaded_map.h"
+#include "cli/self_query_report.h"
 #include "engine/live_map.h"
 #include "store/map_overview.h"
 #include "text/text.h"
@@ -91,10 +92,8 @@ void PrintPrune(const PruneCommand& command, const PruneReport& report) {
   std::printf("  %.2f MB now, %.2f MB %s\n", static_cast<double>(plan.bytes_before) / 1e6,
               static_cast<double>(report.bytes_after.value_or(plan.bytes_after)) / 1e6,
               report.bytes_after ? "without them" : "predicted, once compacted");
-  if (!report.queries || report.queries->views == 0) return;
-  std::printf("  relocalization: of %d of its own views %d were found without their keyframe, then %d: %+.1f points\n",
-              report.queries->views, report.queries->found_before, report.queries->found_after,
-              100.0 * (report.queries->share_after() - report.queries->share_before()));
+  if (!report.queries || report.queries->whole.views == 0) return;
+  PrintSelfQueries(*report.queries);
 }
 
 void PrintPruneJson(const PruneCommand& command, const PruneReport& report) {
@@ -108,12 +107,7 @@ void PrintPruneJson(const PruneCommand& command, const PruneReport& report) {
                                  {"bytes_before", plan.bytes_before},
                                  {"bytes_predicted", plan.bytes_after}};
   if (report.bytes_after) json["bytes_after"] = *report.bytes_after;
-  if (report.queries) {
-    json["views"] = report.queries->views;
-    json["found_before"] = report.queries->found_before;
-    json["found_after"] = report.queries->found_after;
-    json["relocalization_loss"] = report.queries->share_before() - report.queries->share_after();
-  }
+  if (report.queries) json.update(SelfQueriesAsJson(*report.queries));
   PrintJson(json);
 }
 
