@@ -84,3 +84,55 @@ class Kills:
             return 'stuck', str(error)
         after = cairn('info', file)['revision']
         return ('stuck', f'still at revision {after}') if after <= info['revision'] else None
+
+    def care_kills(self):
+        """Verbs that change a map, or make one, killed at random moments: the map is as before or as it should be, a new
+        one is there whole or not at all, and the same verb does it afterwards."""
+        def one():
+            moments, file, out = random.Random(13), self.path('care.cairn'), self.path('care_out')
+            base, _, visit = self.damaged_base()
+            other, both, model = self.path('damage_other.cairn'), self.path('care_both.cairn'), self.path('care_model')
+            shutil.copy(base, both)
+            cairn('run', self.visit('office', 77, 2), *self.mode, '--map', both, '--extend')
+            cairn('export', base, model, '--format', 'colmap', '--images', visit, '--overwrite')
+            verbs = [['session', 'remove', both, 2], ['prune', both, '--redundancy', 0.5, '--tests', 0], ['compact', both],
+                     ['align', both, '--gravity', 'cameras', '--overwrite'],
+                     ['pack', base, '--localization-only', '--tests', 0, '-o', out / 'x.cairn'],
+                     ['merge', base, other, '-o', out / 'x.cairn'], ['split', both, '--by', 'session', '-o', out],
+                     ['import', 'colmap', model, '--images', model / 'images', '-o', out / 'x.cairn'],
+                     ['snapshot', base, out / 'x.cairn'], ['synth', 'map', '--like', base, '--keyframes', 30, '--out', out / 'x.cairn']]
+            counts = {'damaged': 0, 'partial': 0, 'stuck': 0}
+            for k in range(self.kills_wanted):
+                verb = verbs[k % len(verbs)]
+                changes = verb[0] in ('session', 'prune', 'compact', 'align')
+                call = [file if word is both else word for word in verb]
+
+                def begin_anew():
+                    remove_map(file)
+                    shutil.rmtree(out, ignore_errors=True)
+                    out.mkdir()
+                    shutil.copy(both, file)
+                begin_anew()
+                before, began = cairn('info', file, '--digest')['digest'], time.monotonic()
+                cairn(*call)
+                whole_s, after = time.monotonic() - began, cairn('info', file, '--digest')['digest']
+                begin_anew()
+                process = start(*call)
+                time.sleep(moments.uniform(0.0, whole_s))
+                kill(process)
+                try:
+                    for made in out.glob('*.cairn'):
+                        if cairn('verify', made, '--deep')['findings'] or not cairn('info', made)['keyframes']:
+                            counts['partial'] += 1
+                    if cairn('verify', file, '--deep')['findings'] or cairn('info', file, '--digest')['digest'] not in (before, after):
+                        counts['damaged'] += 1
+                    # Once more: it does it, or was done already.
+                    cairn(*call, *([] if changes or verb[0] == 'snapshot' else ['--overwrite']),
+                          expect=(0, 1) if verb[0] in ('session', 'snapshot') else (0,))
+                    if not changes and not list(out.glob('*.cairn')):
+                        counts['stuck'] += 1
+                except Failed as error:
+                    print(f'        kill {k + 1}, {verb[0]}: {error}', flush=True)
+                    counts['damaged'] += 1
+            return counts
+        return self.once('care_kills', one)
