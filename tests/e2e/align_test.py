@@ -181,6 +181,72 @@ class Align(unittest.TestCase):
         jitter = [pose[:1] + [noise.gauss(0, 0.01) for _ in range(3)] + pose[4:] for pose in read_poses(self.camera)]
         self.assertRegex(self.refused(self.copy(), self.write('jitter.txt', jitter)), r'scale is not determined: .* \+- ')
 
+    # What somebody has measured: places of points and cameras, distances, which way is up.
+
+    def surveyed(self):
+        """Points of the map by where the poses of the recording put them: those that are seen most, far from each other."""
+        truth = self.copy()
+        must('align', truth, '--groundtruth', self.camera)
+        points = must('ls', truth, 'points', '--sort', 'observations', '--reverse', '--limit', 60)['points']
+        far = [points[0]]
+        while len(far) < 5:
+            far.append(max(points, key=lambda p: min(math.dist(at(p), at(q)) for q in far)))
+        return far, {k['id']: at(k) for k in must('ls', truth, 'keyframes')['keyframes']}
+
+    def moved(self, map_file, cameras):
+        """How far the cameras are from where they should be: median and most, metres."""
+        off = sorted(math.dist(at(k), cameras[k['id']]) for k in must('ls', map_file, 'keyframes')['keyframes'])
+        return off[len(off) // 2], off[-1]
+
+    def test_surveyed_places_align_a_map(self):
+        points, cameras = self.surveyed()
+        lines = [f"point {p['id']} {p['x']} {p['y']} {p['z']}" for p in points[:3]]
+        keyframe = max(cameras)
+        lines.append(f'keyframe {keyframe} ' + ' '.join(map(str, cameras[keyframe])))
+        survey, map_file = self.folder / 'survey.txt', self.copy()
+        survey.write_text('\n'.join(['# what was measured', *lines]) + '\n')
+        aligned = must('align', map_file, '--points', survey)
+        self.assertAlmostEqual(aligned['scale'], self.truth['scale'], delta=1e-4 * self.truth['scale'])
+        self.assertEqual(len(aligned['errors_m']), 4)
+        self.assertLess(aligned['rmse_m'], 1e-3)
+        self.assertLess(self.moved(map_file, cameras)[1], 2e-3)
+        self.assertEqual(must('verify', map_file, '--deep')['findings'], [])
+        # One that is a metre off is told, and changes nothing.
+        wrong = self.copy()
+        survey.write_text('\n'.join([*lines[:3], f"point {points[3]['id']} {points[3]['x'] + 1} {points[3]['y']} {points[3]['z']}",
+                                     f"point {points[4]['id']} {points[4]['x']} {points[4]['y']} {points[4]['z']}"]))
+        before = must('info', wrong, '--digest')['digest']
+        answer = cairn('align', wrong, '--points', survey)
+        self.assertEqual(answer.code, 1, answer.out)
+        self.assertEqual(must('info', wrong, '--digest')['digest'], before)
+        for text in (lines[0], 'point 999999 0 0 0', 'point 1 0 0', 'tower 1 0 0 0'):
+            survey.write_text('\n'.join([*lines[:2], text]) + '\n')
+            self.assertIn(cairn('align', wrong, '--points', survey).code, (1, 2), text)
+
+    def test_a_distance_and_gravity_align_a_map(self):
+        points, cameras = self.surveyed()
+        apart = math.dist(at(points[0]), at(points[1]))
+        distance = f"point {points[0]['id']} point {points[1]['id']} {apart}"
+        map_file = self.copy()
+        aligned = must('align', map_file, '--distance', distance, '--gravity', 'cameras')
+        self.assertAlmostEqual(aligned['scale'], self.truth['scale'], delta=1e-4 * self.truth['scale'])
+        # The world's z axis points upwards: cameras that look ahead stand as high as each other, as they do in the room.
+        there = {k['id']: at(k) for k in must('ls', map_file, 'keyframes')['keyframes']}
+        ids = sorted(there)
+        for a, b in ((ids[0], ids[-1]), (ids[0], ids[len(ids) // 2])):
+            self.assertAlmostEqual(math.dist(there[a], there[b]), math.dist(cameras[a], cameras[b]), delta=2e-3)
+            self.assertAlmostEqual(there[a][2] - there[b][2], cameras[a][2] - cameras[b][2], delta=0.15)
+        # A distance alone scales what is aligned, and says so first.
+        self.assertEqual(cairn('align', map_file, '--distance', distance).code, 1)
+        twice = must('align', map_file, '--distance', f"point {points[0]['id']} point {points[1]['id']} {2 * apart}", '--overwrite')
+        self.assertAlmostEqual(twice['scale'], 2 * aligned['scale'], delta=1e-3 * aligned['scale'])
+        answer = cairn('--server', 'localhost:1', 'align', 'office', '--distance', distance)
+        self.assertEqual(answer.code, 2)
+
+
+def at(row):
+    return [row['x'], row['y'], row['z']]
+
 
 if __name__ == '__main__':
     unittest.main(verbosity=2)
