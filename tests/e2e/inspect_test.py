@@ -2,10 +2,14 @@
 import os
 import pathlib
 import shutil
+import signal
+import subprocess
 import tempfile
+import time
 import unittest
 
-from cairn_cli import cairn, must
+from cairn_cli import BINARY, cairn, must
+from served_maps import Server
 
 
 class Inspection(unittest.TestCase):
@@ -205,6 +209,101 @@ class Inspection(unittest.TestCase):
         self.text('explain', self.map, image)
         self.text('explain', self.map, elsewhere, code=4)
         self.assertEqual(cairn('explain', self.map, self.folder / 'none.png').code, 1)
+
+    # Photos, names and messages
+
+    def test_photos_of_the_maps_own_camera_need_no_calibration(self):
+        photos = sorted((self.office / 'mav0/cam0/data').glob('*'))[10:40:10]
+        one = must('localize', photos[0], '--map', self.map)
+        self.assertTrue(one['localized'])
+        poses, broken = self.folder / 'photos.txt', self.folder / 'broken.png'
+        broken.write_bytes(b'nothing')
+        several = must('localize', *photos, broken, '--map', self.map, '--out', poses)
+        self.assertEqual((several['frames'], several['localized'], several['frames_skipped']), (3, 3, 1))
+        self.assertEqual([image['image'] for image in several['images']], [str(photo) for photo in photos])
+        self.assertEqual(several['images'][0]['position'], one['position'])
+        self.assertEqual(len([line for line in poses.read_text().splitlines() if not line.startswith('#')]), 3)
+        self.assertEqual(cairn('localize', photos[0], self.office, '--map', self.map).code, 2)
+        must('synth', 'office', '--seed', 3, '--duration', 0.2, '--image-size', 320, 240, '--focal', 210, '--out', self.folder / 'small')
+        small = sorted((self.folder / 'small/mav0/cam0/data').glob('*'))[0]
+        self.assertIn('320x240', cairn('localize', small, '--map', self.map).json['error'])
+
+    def test_names_cannot_command_the_terminal(self):
+        strange = self.folder / 'st\x1b[31mrange.cairn'
+        shutil.copy(self.map, strange)
+        absent = self.folder / 'ab\x1b[31msent.cairn'
+        for call in (['info', strange], ['stats', strange], ['ls', strange, 'sessions'], ['log', strange], ['verify', strange],
+                     ['show', strange, 'session', 1], ['snapshot', strange, f'{strange}.copy.cairn'],
+                     ['export', strange, self.folder / 'po\x1b[31mses.txt'], ['render', strange, '-o', self.folder / 'x\x1b[31m.svg'],
+                     ['info', absent], ['prune', absent], ['lo\x1b[31mok'], ['localize', absent, '--map', strange]):
+            answer = cairn(*call, json_output=False)
+            self.assertNotIn('\x1b', answer.out + answer.err, call)
+
+    def test_help_fits_a_terminal(self):
+        for verb in ([], ['info'], ['localize'], ['run'], ['prune'], ['eval', 'ate'], ['synth']):
+            for line in cairn(*verb, '--help', json_output=False).out.splitlines():
+                self.assertTrue(len(line) <= 80 or line.startswith('  '), (verb, line))
+        options = cairn('prune', '--help', json_output=False).out.split('Options:')[1].split('There is no way')[0]
+        self.assertLessEqual(max(map(len, options.splitlines())), 80)
+
+    def test_mistakes_are_told_in_the_words_of_the_user(self):
+        for call, said in ((['prune', self.map, '--budget-mb', -3], '--budget-mb: -3 is not larger than 0'),
+                           (['prune', self.map, '--tests', -1], '--tests: -1 is less than 0'),
+                           (['prune', self.map, '--tests', 'many'], '--tests: many is no number'),
+                           (['render', self.map, '-o', 'x.png', '--width', 9], '--width: 9 is not within 200 to 5000'),
+                           (['lok'], 'there is no verb "lok"')):
+            answer = cairn(*call)
+            self.assertEqual(answer.code, 2, answer.out)
+            self.assertIn(said, answer.json['error'])
+
+    # The same of a server's map
+
+    def test_a_server_is_looked_into_as_a_file_is(self):
+        maps, fetched = self.folder / 'maps', self.folder / 'fetched'
+        for folder in (maps, fetched):
+            folder.mkdir()
+        shutil.copy(self.map, maps / 'office.cairn')
+        shutil.copy(self.map, maps / 'before.cairn')
+        must('align', maps / 'office.cairn', '--groundtruth', self.office / 'groundtruth_cam0.txt')
+        here, before = maps / 'office.cairn', maps / 'before.cairn'
+        image = sorted((self.office / 'mav0/cam0/data').glob('*'))[10]
+        server = Server(maps)
+        os.environ['TMPDIR'] = str(fetched)
+        try:
+            at = ('--server', server.address)
+            for verb, options in (('show', ['keyframe', 3]), ('show', ['camera', 1]), ('stats', []), ('coverage', ['--views', 4]),
+                                  ('explain', [image]), ('ls', ['points', '--limit', 3]), ('ls', [])):
+                asked, looked = must(*at, verb, 'office', *options), must(verb, here, *options)
+                self.assertEqual({**asked, 'map': ''}, {**looked, 'map': ''}, verb)
+                self.assertEqual(asked['map'], 'office')
+            self.assertEqual({**must(*at, 'diff', 'before', 'office'), 'first': '', 'second': ''},
+                             {**must('diff', before, here), 'first': '', 'second': ''})
+            since = must(*at, 'diff', 'office', '--since', 1)
+            self.assertEqual(since['components_put'], [1])
+            for verb, picture in (('show', ['keyframe', 3, '--picture']), ('stats', ['--picture']), ('render', ['-o']),
+                                  ('explain', [image, '--picture']), ('info', ['--picture'])):
+                drawn = [self.folder / f'{verb}_{where}.svg' for where in ('there', 'here')]
+                must(*at, verb, 'office', *picture, drawn[0])
+                must(verb, here, *picture, drawn[1])
+                self.assertEqual(drawn[0].read_bytes(), drawn[1].read_bytes(), verb)
+            told, looked = must(*at, 'info', 'office', '--plan', '--digest'), must('info', here, '--plan', '--digest')
+            self.assertEqual([told[key] for key in ('plan', 'digest')], [looked[key] for key in ('plan', 'digest')])
+            for verb, options in (('show', ['keyframe', 1]), ('stats', []), ('coverage', []), ('explain', [image]),
+                                  ('render', ['-o', self.folder / 'x.png']), ('ls', []), ('diff', ['office'])):
+                answer = cairn(*at, verb, 'nowhere', *options)
+                self.assertEqual((answer.code, 'nowhere' in answer.json['error']), (1, True), verb)
+            self.assertEqual(list(fetched.iterdir()), [])
+            # Nor is anything left when it is interrupted.
+            process = subprocess.Popen([BINARY, *at, 'coverage', 'office'], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            while process.poll() is None and not list(fetched.glob('*/*')):
+                time.sleep(0.001)
+            self.assertIsNone(process.poll(), 'it ended before it could be interrupted')
+            process.send_signal(signal.SIGINT)
+            self.assertEqual(process.wait(20), -signal.SIGINT)
+            self.assertEqual(list(fetched.iterdir()), [])
+        finally:
+            del os.environ['TMPDIR']
+            server.stop()
 
 
 if __name__ == '__main__':

@@ -6,6 +6,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "cli/geo_options.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -68,8 +69,8 @@ void AddComponent(const ComponentAlignment& found, const eval::Reference* refere
 
 void PrintComponent(const AlignReport& report, const ComponentAlignment& found) {
   std::printf("%s, component %u, is aligned: scale %.4f +- %.4f, rotation +- %.2f deg, position +- %.4f m\n",
-              report.map.c_str(), found.component.value(), found.world_from_component.scale(), found.scale_sigma,
-              found.rotation_sigma_rad * kDegPerRad, found.position_sigma_m);
+              text::Shown(report.map).c_str(), found.component.value(), found.world_from_component.scale(),
+              found.scale_sigma, found.rotation_sigma_rad * kDegPerRad, found.position_sigma_m);
   std::printf("  %lld of its %lld keyframes with a reference %s fit: %.4f m RMSE (all %lld: %.4f m)\n",
               L(found.fitting), L(found.with_reference), report.reference != nullptr ? "pose" : "position",
               found.rmse_fitting_m, L(found.with_reference), found.rmse_all_m);
@@ -84,7 +85,7 @@ void PrintComponent(const AlignReport& report, const ComponentAlignment& found) 
   }
   if (report.reference != nullptr) {
     for (const std::string& note : {eval::Describe(*report.reference), OrientationNote(found, report.positions_only)}) {
-      if (!note.empty()) std::printf("  %s\n", note.c_str());
+      if (!note.empty()) std::printf("  %s\n", text::Shown(note).c_str());
     }
   }
   if (found.moved_m) {
@@ -120,7 +121,7 @@ void PrintAlignReport(const AlignReport& report) {
   if (report.answer.geo_anchor_changed) {
     const std::string where = report.answer.geo_anchor ? "its origin is at " + DescribeAnchor(*report.answer.geo_anchor)
                                                        : std::string("its place on the earth is not known any more");
-    std::printf("%s: %s\n", report.map.c_str(), where.c_str());
+    std::printf("%s: %s\n", text::Shown(report.map).c_str(), where.c_str());
   }
 }
 

@@ -3,7 +3,10 @@
 #include <iostream>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "store/fault.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -13,6 +16,13 @@ int ExitCodeOf(const absl::Status& status) {
   if (store::IsDamaged(status)) return kDamagedMap;
   if (store::IsNewerVersion(status)) return kNewerVersion;
   return kFailure;
+}
+
+// For a terminal: names in it cannot command that.
+std::string ShownLines(absl::string_view message) {
+  std::vector<std::string> lines;
+  for (const absl::string_view line : absl::StrSplit(message, '\n')) lines.push_back(text::Shown(line));
+  return absl::StrJoin(lines, "\n");
 }
 
 // What the store says is wrong with a map; of other errors their kind: "not_found", "invalid_argument".
@@ -29,7 +39,7 @@ int Fail(const std::string& verb, const absl::Status& status, bool json) {
   if (json) {
     PrintJson({{"error", std::string(status.message())}, {"fault", FaultOf(status)}, {"exit_code", code}});
   } else {
-    std::cerr << "cairn " << verb << ": " << status.message() << "\n";
+    std::cerr << "cairn " << verb << ": " << ShownLines(status.message()) << "\n";
   }
   return code;
 }
@@ -38,7 +48,7 @@ int FailUsage(const std::string& verb, const std::string& message, bool json) {
   if (json) {
     PrintJson({{"error", message}, {"fault", "usage"}, {"exit_code", kUsage}});
   } else {
-    std::cerr << "cairn" << (verb.empty() ? "" : " ") << verb << ": " << message << "\n";
+    std::cerr << "cairn" << (verb.empty() ? "" : " ") << verb << ": " << ShownLines(message) << "\n";
   }
   return kUsage;
 }

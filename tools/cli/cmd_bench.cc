@@ -10,6 +10,7 @@
 #include "cli/sample_statistics.h"
 #include "direct/odometry_options.h"
 #include "engine/odometry_session.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -114,7 +115,7 @@ void PrintBench(const BenchOptions& options, const Bench& bench, const Preloaded
     return;
   }
   std::printf("%s, preset %s, %s: %lld of %lld frames tracked, %lld dropped, %zu keyframes\n",
-              source.info().name.c_str(), options.preset.c_str(),
+              text::Shown(source.info().name).c_str(), options.preset.c_str(),
               options.session.deterministic || options.session.threads == 1 ? "one thread" : "two threads",
               static_cast<long long>(report.frames_tracked), static_cast<long long>(source.info().num_frames),
               static_cast<long long>(bench.feed.dropped), report.keyframe_poses.size());

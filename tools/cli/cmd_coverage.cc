@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
+#include "cli/map_to_read.h"
 #include "client/map_reader.h"
 #include "inspect/coverage.h"
 #include "inspect/measures.h"
@@ -16,6 +17,7 @@ namespace {
 
 struct CoverageCommand {
   std::string map;
+  ServerChoice server;
   std::string picture;
   inspect::CoverageOptions options;
   double fail_below = 0.0;
@@ -136,14 +138,15 @@ void PrintCoverage(const CoverageCommand& command, const inspect::Coverage& cove
   for (const std::string& warning : coverage.warnings) {
     std::fputs(text::Wrapped(absl::StrCat("warning: ", warning), "  ", "    ").c_str(), stdout);
   }
-  if (!command.picture.empty()) std::printf("  picture: %s\n", command.picture.c_str());
+  if (!command.picture.empty()) std::printf("  picture: %s\n", text::Shown(command.picture).c_str());
 }
 
 absl::StatusOr<inspect::Coverage> RunCoverage(const CoverageCommand& command) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(command.picture, command.overwrite));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({command.picture}, {command.map}));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({command.picture}, {InputFile(command.server, command.map)}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(command.picture));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::MapReader> reader, client::MapReader::Open(command.map));
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(command.server, command.map));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::MapReader> reader, client::MapReader::Open(source.path()));
   const map::Snapshot& map = reader->view()->map();
   const std::int64_t views =
       std::min<std::int64_t>(command.options.max_tests, static_cast<std::int64_t>(map.keyframes().size()));
@@ -168,7 +171,7 @@ absl::StatusOr<inspect::Coverage> RunCoverage(const CoverageCommand& command) {
 void AddCoverageCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("coverage", "How likely an image is to be found, by where it was taken");
   auto command = std::make_shared<CoverageCommand>();
-  verb->add_option("MAP", command->map, "Map file (.cairn)")->required();
+  verb->add_option("MAP", command->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("--picture", command->picture, "Draw a heat map to this .png or .svg file");
   verb->add_option("--cell", command->options.cell_size,
                    "Side of a cell, metres or map units; 0: a quarter of the median depth")
@@ -188,7 +191,8 @@ void AddCoverageCommand(CLI::App& app, Action* action) {
       "Examples:\n"
       "  cairn coverage office.cairn --picture coverage.png\n"
       "  cairn coverage office.cairn --fail-below 0.8 --json");
-  verb->callback([=] {
+  verb->callback([=, &app] {
+    command->server = ServerOf(app);
     *action = [=] {
       const auto coverage = RunCoverage(*command);
       if (!coverage.ok()) return Fail("coverage", coverage.status(), command->json);

@@ -5,6 +5,7 @@
 #include "cli/cli.h"
 #include "cli/described_map.h"
 #include "cli/server_option.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -22,8 +23,8 @@ absl::Status MakeMap(const NewMapOptions& options) {
   if (options.json) {
     PrintJson(SummaryAsJson(made));
   } else {
-    std::printf("%s: map \"%s\" of id %s, empty (cairn run --extend)\n", options.map.c_str(), made.title.c_str(),
-                made.id.c_str());
+    std::printf("%s: map \"%s\" of id %s, empty (cairn run --extend)\n", text::Shown(options.map).c_str(),
+                text::Shown(made.title).c_str(), made.id.c_str());
   }
   return absl::OkStatus();
 }

@@ -7,6 +7,7 @@
 #include "cli/server_option.h"
 #include "cli/unix_time.h"
 #include "host/map_host.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -23,7 +24,8 @@ absl::Status Delete(const DeleteOptions& options) {
   if (options.json) {
     PrintJson({{"map", options.map}, {"deleted", deleted}});
   } else {
-    std::printf("%s is in the trash as %s (cairn restore)\n", options.map.c_str(), deleted.c_str());
+    std::printf("%s is in the trash as %s (cairn restore)\n", text::Shown(options.map).c_str(),
+                text::Shown(deleted).c_str());
   }
   return absl::OkStatus();
 }
@@ -59,7 +61,7 @@ absl::Status ListTrash(const RestoreOptions& options, api::MapService& service) 
   }
   if (maps.empty()) std::printf("the trash is empty\n");
   for (const api::DeletedMap& map : maps) {
-    std::printf("%s  %s, deleted %s, %.1f MB\n", map.deleted.c_str(), map.map.c_str(),
+    std::printf("%s  %s, deleted %s, %.1f MB\n", text::Shown(map.deleted).c_str(), text::Shown(map.map).c_str(),
                 FormatUnixTime(map.deleted_unix_ns).c_str(), static_cast<double>(map.file_bytes) / 1e6);
   }
   return absl::OkStatus();
@@ -72,7 +74,7 @@ absl::Status Restore(const RestoreOptions& options) {
   if (options.json) {
     PrintJson({{"deleted", options.deleted}, {"map", name}});
   } else {
-    std::printf("%s is back as %s\n", options.deleted.c_str(), name.c_str());
+    std::printf("%s is back as %s\n", text::Shown(options.deleted).c_str(), text::Shown(name).c_str());
   }
   return absl::OkStatus();
 }

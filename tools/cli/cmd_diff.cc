@@ -10,6 +10,7 @@
 #include "cli/cli.h"
 #include "cli/component_report.h"
 #include "cli/map_scene.h"
+#include "cli/map_to_read.h"
 #include "inspect/difference.h"
 #include "inspect/measures.h"
 #include "plot/scene_figure.h"
@@ -21,6 +22,7 @@ namespace {
 
 struct DiffOptions {
   std::string first, second;
+  ServerChoice server;
   std::optional<Revision> since;
   std::string picture;
   std::size_t limit = 10;
@@ -34,9 +36,10 @@ struct Compared {
   inspect::MapDifference difference;
 };
 
-absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadState(const std::string& path) {
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadState(const ServerChoice& server, const std::string& map) {
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(server, map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
-                         store::OpenMapStore(path, store::OpenMode::kRead));
+                         store::OpenMapStore(source.path(), store::OpenMode::kRead));
   return store->LoadSnapshot();
 }
 
@@ -97,7 +100,7 @@ void PrintDifference(const DiffOptions& options, const Compared& compared) {
   PrintIds("components with another place in the world", d.realigned, options.limit);
   PrintIds("keyframes added", d.keyframes_added, options.limit);
   PrintIds("keyframes removed", d.keyframes_removed, options.limit);
-  std::printf("  points: %zu added, %zu removed, %lld kept; observations: %lld before, %lld after\n",
+  std::printf("  points: %zu added, %zu removed, %lld kept\n  observations: %lld before, %lld after\n",
               d.points_added.size(), d.points_removed.size(), static_cast<long long>(d.points_kept),
               static_cast<long long>(d.observations_before), static_cast<long long>(d.observations_after));
   const std::string unit = ShiftUnit(d);
@@ -229,11 +232,12 @@ absl::Status DrawDifference(const DiffOptions& options, const Compared& compared
 
 absl::StatusOr<Compared> RunDiff(const DiffOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.first, options.second}));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct(
+      {options.picture}, {InputFile(options.server, options.first), InputFile(options.server, options.second)}));
   if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
   Compared compared;
-  CAIRN_ASSIGN_OR_RETURN(compared.first, LoadState(options.first));
-  CAIRN_ASSIGN_OR_RETURN(compared.second, LoadState(options.second));
+  CAIRN_ASSIGN_OR_RETURN(compared.first, LoadState(options.server, options.first));
+  CAIRN_ASSIGN_OR_RETURN(compared.second, LoadState(options.server, options.second));
   CAIRN_ASSIGN_OR_RETURN(compared.difference,
                          inspect::Compare(*compared.first, *compared.second, {.align = !options.as_it_stands}));
   if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawDifference(options, compared));
@@ -242,8 +246,9 @@ absl::StatusOr<Compared> RunDiff(const DiffOptions& options) {
 
 // Of one file: the rows that were put or removed since a revision. What they were before is not kept.
 absl::Status RunSince(const DiffOptions& options) {
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.first));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
-                         store::OpenMapStore(options.first, store::OpenMode::kRead));
+                         store::OpenMapStore(source.path(), store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, store->LoadSnapshot());
   CAIRN_ASSIGN_OR_RETURN(const auto rows, store->ReadChangedRows(*options.since));
   if (!rows) {
@@ -294,7 +299,7 @@ int Diff(const DiffOptions& options) {
     PrintDifferenceJson(options, *compared);
   } else {
     PrintDifference(options, *compared);
-    if (!options.picture.empty()) std::printf("  picture: %s\n", options.picture.c_str());
+    if (!options.picture.empty()) std::printf("  picture: %s\n", text::Shown(options.picture).c_str());
   }
   return kOk;
 }
@@ -304,8 +309,9 @@ int Diff(const DiffOptions& options) {
 void AddDiffCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("diff", "What two states of a map differ in: added, removed, moved by how much");
   auto options = std::make_shared<DiffOptions>();
-  verb->add_option("FIRST", options->first, "Map file (.cairn)")->required();
-  verb->add_option("SECOND", options->second, "A later copy of it, or one that went on from the same");
+  verb->add_option("FIRST", options->first, "Map file (.cairn), with --server the name of a map there")->required();
+  verb->add_option("SECOND", options->second,
+                   "A later copy of it, or one that went on from the same; of the same server, too");
   verb->add_option("--since", options->since, "Instead of SECOND: what has changed in FIRST since this revision");
   verb->add_flag("--no-align", options->as_it_stands, "Compare positions as they stand, in frames that may be others");
   verb->add_option("--plot", options->picture, "Draw it: a file .png or .svg");
@@ -318,7 +324,10 @@ void AddDiffCommand(CLI::App& app, Action* action) {
       "  cairn snapshot office.cairn before.cairn && cairn session remove office.cairn 3\n"
       "  cairn diff before.cairn office.cairn --plot change.png\n"
       "  cairn diff office.cairn --since 120 --json");
-  verb->callback([=] { *action = [=] { return Diff(*options); }; });
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
+    *action = [=] { return Diff(*options); };
+  });
 }
 
 }  // namespace cairn::cli

@@ -17,6 +17,7 @@
 #include "eval/reference.h"
 #include "eval/rpe.h"
 #include "io/trajectory.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -138,7 +139,7 @@ nlohmann::ordered_json ToJson(const eval::Reference& reference, const Orientatio
 
 void PrintNotes(const eval::Reference& reference, const OrientationAgreement& orientations) {
   for (const std::string& note : {eval::Describe(reference), eval::Describe(orientations)}) {
-    if (!note.empty()) std::printf("  %s\n", note.c_str());
+    if (!note.empty()) std::printf("  %s\n", text::Shown(note).c_str());
   }
 }
 
@@ -204,7 +205,7 @@ int RunAte(EvalOptions options) {
               RotationText(result->rotation_rad, result->rotation_rad.median, "%.2f deg").c_str(),
               result->groundtruth_from_estimate.scale(), result->path_length_m);
   PrintNotes(*reference, result->orientations);
-  if (!options.plot.empty()) std::printf("  picture: %s\n", options.plot.c_str());
+  if (!options.plot.empty()) std::printf("  picture: %s\n", text::Shown(options.plot).c_str());
   return kOk;
 }
 

@@ -7,6 +7,8 @@
 
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
+#include "cli/map_camera.h"
+#include "cli/map_to_read.h"
 #include "client/map_reader.h"
 #include "client/query_image.h"
 #include "inspect/explanation.h"
@@ -23,6 +25,7 @@ constexpr std::size_t kShownCandidates = 5;
 
 struct ExplainCommand {
   std::string map;
+  ServerChoice server;
   std::string image;
   std::string camera;
   std::string picture;
@@ -42,12 +45,7 @@ absl::StatusOr<Camera> CameraFor(const ExplainCommand& command, const map::Snaps
     CAIRN_ASSIGN_OR_RETURN(const io::CameraFile file, io::LoadCamera(command.camera));
     return file.camera;
   }
-  for (const auto& [id, camera] : map.cameras()) {
-    if (camera.model.width_px == image.cols && camera.model.height_px == image.rows) return camera.model;
-  }
-  return absl::InvalidArgumentError(absl::StrCat(command.image, " has ", image.cols, "x", image.rows,
-                                                 " pixels, which no camera of the map has: give its calibration with "
-                                                 "--camera"));
+  return CameraOfSize(CamerasOf(map), image.size(), command.image);
 }
 
 absl::StatusOr<Explained> ExplainImage(const ExplainCommand& command, const tracking::MapView& view) {
@@ -242,14 +240,16 @@ void PrintExplanation(const ExplainCommand& command, const inspect::Explanation&
                stdout);
   }
   for (const std::string& advice : e.advice) std::fputs(text::Wrapped(advice, "  * ", "    ").c_str(), stdout);
-  if (!command.picture.empty()) std::printf("  picture: %s\n", command.picture.c_str());
+  if (!command.picture.empty()) std::printf("  picture: %s\n", text::Shown(command.picture).c_str());
 }
 
 absl::StatusOr<bool> RunExplain(const ExplainCommand& command) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(command.picture, command.overwrite));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({command.picture}, {command.map, command.image, command.camera}));
+  CAIRN_RETURN_IF_ERROR(
+      CheckDistinct({command.picture}, {InputFile(command.server, command.map), command.image, command.camera}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(command.picture));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::MapReader> reader, client::MapReader::Open(command.map));
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(command.server, command.map));
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::MapReader> reader, client::MapReader::Open(source.path()));
   CAIRN_ASSIGN_OR_RETURN(const Explained explained, ExplainImage(command, *reader->view()));
   const map::Snapshot& map = reader->view()->map();
   if (!command.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawMatches(command, map, explained));
@@ -266,7 +266,7 @@ absl::StatusOr<bool> RunExplain(const ExplainCommand& command) {
 void AddExplainCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("explain", "Why an image is, or is not, found in a map, and what would help");
   auto command = std::make_shared<ExplainCommand>();
-  verb->add_option("MAP", command->map, "Map file (.cairn)")->required();
+  verb->add_option("MAP", command->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("IMAGE", command->image, "One image file")->required();
   verb->add_option("--camera", command->camera,
                    "Its calibration (camera.yaml); else that of the map's camera of the same size");
@@ -279,7 +279,8 @@ void AddExplainCommand(CLI::App& app, Action* action) {
       "Examples:\n"
       "  cairn explain office.cairn photo.jpg --picture matches.png\n"
       "  cairn explain office.cairn photo.jpg --camera phone.yaml --json");
-  verb->callback([=] {
+  verb->callback([=, &app] {
+    command->server = ServerOf(app);
     *action = [=] {
       const auto found = RunExplain(*command);
       if (!found.ok()) return Fail("explain", found.status(), command->json);

@@ -10,6 +10,7 @@
 #include "cli/export_served.h"
 #include "cli/server_option.h"
 #include "host/export.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -25,8 +26,17 @@ struct ExportOptions {
 absl::Status Write(const ExportOptions& options, api::ExportContent content) {
   if (!options.server.empty()) return ExportServed(options.server, options.map, content, options.out);
   std::error_code error;
-  if (options.overwrite) std::filesystem::remove(options.out, error);
-  return host::ExportMap(options.map, content, options.out);
+  if (content == api::ExportContent::kMap || !std::filesystem::exists(options.out, error)) {
+    return host::ExportMap(options.map, content, options.out);
+  }
+  const std::string part = absl::StrCat(options.out, ".part");
+  std::filesystem::remove(part, error);
+  CAIRN_RETURN_IF_ERROR(host::ExportMap(options.map, content, part));
+  std::filesystem::rename(part, options.out, error);
+  if (!error) return absl::OkStatus();
+  const std::string why = error.message();
+  std::filesystem::remove(part, error);
+  return absl::InternalError(absl::StrCat(options.out, ": ", why));
 }
 
 absl::Status Export(const ExportOptions& options, api::ExportContent content) {
@@ -38,7 +48,7 @@ absl::Status Export(const ExportOptions& options, api::ExportContent content) {
   if (options.json) {
     PrintJson({{"map", options.map}, {"file", options.out}, {"bytes", error ? 0 : bytes}});
   } else {
-    std::printf("%s: %.1f MB\n", options.out.c_str(), error ? 0.0 : static_cast<double>(bytes) / 1e6);
+    std::printf("%s: %.1f MB\n", text::Shown(options.out).c_str(), error ? 0.0 : static_cast<double>(bytes) / 1e6);
   }
   return absl::OkStatus();
 }

@@ -14,6 +14,7 @@
 #include "cli/described_map.h"
 #include "cli/geo_options.h"
 #include "cli/map_scene.h"
+#include "cli/map_to_read.h"
 #include "cli/pictures.h"
 #include "cli/server_option.h"
 #include "cli/session_report.h"
@@ -221,6 +222,40 @@ void Print(const store::MapOverview& map, const std::string& path, bool being_wr
   PrintSessions(map, being_written);
 }
 
+// What takes the whole map to be told.
+struct InfoOfWhole {
+  std::string digest, plan;  // empty: not asked for
+};
+
+absl::StatusOr<InfoOfWhole> LookAtAll(const InfoOptions& options, store::MapStore& file) {
+  InfoOfWhole whole;
+  if (options.digest) {
+    CAIRN_ASSIGN_OR_RETURN(whole.digest, file.ContentDigest());
+  }
+  if (options.plan || !options.picture.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> snapshot, file.LoadSnapshot());
+    if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawMap(*snapshot, options.picture));
+    constexpr int kPlanColumns = 72;
+    if (options.plan) whole.plan = BraillePlan(*snapshot, TogetherInOneFrame(*snapshot), kPlanColumns);
+  }
+  return whole;
+}
+
+void AddWhole(const InfoOptions& options, const InfoOfWhole& whole, nlohmann::ordered_json* info) {
+  if (options.digest) (*info)["digest"] = whole.digest;
+  if (options.plan) (*info)["plan"] = whole.plan;
+}
+
+void PrintWhole(const InfoOptions& options, const InfoOfWhole& whole) {
+  for (const absl::string_view line : absl::StrSplit(whole.plan, '\n', absl::SkipEmpty())) {
+    std::printf("  %.*s\n", static_cast<int>(line.size()), line.data());
+  }
+  if (options.digest) std::printf("  content digest %s\n", whole.digest.c_str());
+  if (!options.picture.empty()) std::printf("  picture: %s\n", text::Shown(options.picture).c_str());
+}
+
+bool NeedsAll(const InfoOptions& options) { return options.digest || options.plan || !options.picture.empty(); }
+
 absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.map}));
@@ -229,49 +264,49 @@ absl::Status Info(const InfoOptions& options) {
   for (const std::string& note : map.notes) std::cerr << "cairn info: " << note << "\n";
   std::error_code error;
   const bool being_written = store::WriterLock::IsHeld(std::filesystem::weakly_canonical(options.map, error).string());
-  std::string digest;
   std::unique_ptr<store::MapStore> file;
   const bool lacks_vocabulary = map.summary.info.vocabulary_hash != 0 && !map.has_vocabulary;
-  if (lacks_vocabulary || options.digest || options.plan || !options.picture.empty()) {
+  if (lacks_vocabulary || NeedsAll(options)) {
     CAIRN_ASSIGN_OR_RETURN(file, store::OpenMapStore(options.map, store::OpenMode::kRead));
   }
   if (lacks_vocabulary) {
     CAIRN_ASSIGN_OR_RETURN(const health::MapVocabulary vocabulary, health::LoadVocabulary(*file));
     if (!vocabulary.note.empty()) std::cerr << "cairn info: " << vocabulary.note << "\n";
   }
-  if (options.digest) {
-    CAIRN_ASSIGN_OR_RETURN(digest, file->ContentDigest());
-  }
-  std::string plan;
-  if (options.plan || !options.picture.empty()) {
-    CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> snapshot, file->LoadSnapshot());
-    if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawMap(*snapshot, options.picture));
-    constexpr int kPlanColumns = 72;
-    if (options.plan) plan = BraillePlan(*snapshot, TogetherInOneFrame(*snapshot), kPlanColumns);
+  InfoOfWhole whole;
+  if (NeedsAll(options)) {
+    CAIRN_ASSIGN_OR_RETURN(whole, LookAtAll(options, *file));
   }
   if (options.json) {
     nlohmann::ordered_json info = Describe(map, being_written);
-    if (options.digest) info["digest"] = digest;
-    if (options.plan) info["plan"] = plan;
+    AddWhole(options, whole, &info);
     PrintJson(info);
   } else {
     Print(map, options.map, being_written);
-    for (const absl::string_view line : absl::StrSplit(plan, '\n', absl::SkipEmpty())) {
-      std::printf("  %.*s\n", static_cast<int>(line.size()), line.data());
-    }
-    if (options.digest) std::printf("  content digest %s\n", digest.c_str());
-    if (!options.picture.empty()) std::printf("  picture: %s\n", options.picture.c_str());
+    PrintWhole(options, whole);
   }
   return absl::OkStatus();
 }
 
 absl::Status InfoOfServed(const InfoOptions& options) {
+  CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
+  CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
   CAIRN_ASSIGN_OR_RETURN(const api::MapDescription map, service->Describe(options.map));
+  InfoOfWhole whole;
+  if (NeedsAll(options)) {
+    CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
+    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
+                           store::OpenMapStore(source.path(), store::OpenMode::kRead));
+    CAIRN_ASSIGN_OR_RETURN(whole, LookAtAll(options, *file));
+  }
   if (options.json) {
-    PrintJson(DescribedMapAsJson(map));
+    nlohmann::ordered_json info = DescribedMapAsJson(map);
+    AddWhole(options, whole, &info);
+    PrintJson(info);
   } else {
     PrintDescribedMap(map);
+    PrintWhole(options, whole);
   }
   return absl::OkStatus();
 }
@@ -299,9 +334,6 @@ void AddInfoCommand(CLI::App& app, Action* action) {
     options->server = ServerOf(app);
     *action = [=] {
       const bool served = !options->server.empty();
-      if (served && (options->digest || options->plan || !options->picture.empty())) {
-        return FailUsage("info", "--digest, --plan and --picture need the map file: not with --server", options->json);
-      }
       const absl::Status status = served ? InfoOfServed(*options) : Info(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("info", status, options->json);
     };

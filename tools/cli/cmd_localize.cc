@@ -18,6 +18,7 @@
 #include "cli/localize_across.h"
 #include "cli/localize_answer.h"
 #include "cli/localize_target.h"
+#include "cli/map_camera.h"
 #include "cli/pictures.h"
 #include "cli/prior_option.h"
 #include "cli/sample_statistics.h"
@@ -32,6 +33,7 @@ namespace {
 
 struct LocalizeOptions {
   InputOptions input;
+  std::vector<std::string> more_photos;
   ServerChoice server;
   std::string map;
   std::string out;
@@ -161,16 +163,24 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
 
-absl::StatusOr<api::LocalizeQuery> QueryOf(const LocalizeOptions& options) {
-  if (options.input.open.camera_path.empty()) {
-    return absl::InvalidArgumentError("a single photo needs its calibration: give --camera camera.yaml");
+// `cameras`: of the map, for photos of its own camera; none: --camera is needed.
+absl::StatusOr<api::LocalizeQuery> QueryOf(const LocalizeOptions& options, const std::string& photo,
+                                           const std::vector<Camera>& cameras) {
+  const std::string& camera_path = options.input.open.camera_path;
+  if (camera_path.empty() && cameras.empty()) {
+    return absl::InvalidArgumentError("a photo needs its calibration: give --camera camera.yaml");
   }
   api::LocalizeQuery query;
-  CAIRN_ASSIGN_OR_RETURN(const io::CameraFile camera, io::LoadCamera(options.input.open.camera_path));
-  query.camera = camera.camera;
   query.prior = options.prior;
-  CAIRN_ASSIGN_OR_RETURN(
-      query.image, io::ReadGrayImage(options.input.sequence, cv::Size(query.camera.width_px, query.camera.height_px)));
+  if (camera_path.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(query.image, io::ReadGrayImage(photo));
+    CAIRN_ASSIGN_OR_RETURN(query.camera, CameraOfSize(cameras, query.image.size(), photo));
+  } else {
+    CAIRN_ASSIGN_OR_RETURN(const io::CameraFile camera, io::LoadCamera(camera_path));
+    query.camera = camera.camera;
+    CAIRN_ASSIGN_OR_RETURN(query.image,
+                           io::ReadGrayImage(photo, cv::Size(query.camera.width_px, query.camera.height_px)));
+  }
   const std::string& mask = options.input.open.mask_path;
   if (!mask.empty() && mask != "none") {
     CAIRN_ASSIGN_OR_RETURN(const image::MaskFiller hidden, io::LoadMask(mask, query.image.size()));
@@ -185,8 +195,8 @@ std::vector<std::string> SeveralMaps(const LocalizeOptions& options) {
   return absl::StrSplit(options.map, ',', absl::SkipEmpty());
 }
 
-absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer& localizer) {
-  CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options));
+absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, LocalizeTarget& localizer) {
+  CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options, options.input.sequence, localizer.cameras()));
   CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, localizer.Localize(query));
   Summary summary;
   summary.together = {answer.component};
@@ -200,6 +210,35 @@ absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, api::Localizer
     PrintLensUse(answer.lens);
   }
   return answer.localized ? kOk : kNotLocalized;
+}
+
+// Photos one by one; the k-th has the time k seconds. One that cannot be read is told and counted.
+absl::StatusOr<int> LocalizePhotos(const LocalizeOptions& options, LocalizeTarget& localizer) {
+  SkippedFrames skipped("localize", /*quiet=*/false);
+  Summary summary;
+  summary.together = localizer.frame().components;
+  summary.metric = localizer.frame().metric;
+  std::vector<std::string> photos = {options.input.sequence};
+  photos.insert(photos.end(), options.more_photos.begin(), options.more_photos.end());
+  TimeNs time_ns = 0;
+  for (const std::string& photo : photos) {
+    const absl::StatusOr<api::LocalizeQuery> query = QueryOf(options, photo, localizer.cameras());
+    if (!query.ok()) {
+      skipped.Add(photo, query.status());
+    } else {
+      CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, localizer.Localize(*query));
+      summary.Add(answer, time_ns);
+      summary.images.push_back(AnswerToJson(answer, photo, time_ns));
+      if (!options.json) PrintLocalizeAnswer(answer, photo);
+    }
+    time_ns += 1'000'000'000;
+  }
+  if (summary.frames == 0) return absl::InvalidArgumentError("none of the photos can be used");
+  CAIRN_RETURN_IF_ERROR(WriteOutputs(options, summary));
+  LocalizeOptions all = options;
+  all.verbose = true;
+  PrintSummary(all, summary, skipped.count(), /*interrupted=*/false);
+  return summary.localized > 0 ? kOk : kNotLocalized;
 }
 
 // On to what others have added to the map since. False if that cannot be read any more: what is known still answers.
@@ -283,6 +322,13 @@ absl::StatusOr<int> Localize(LocalizeOptions options) {
   if (!prior.ok()) return FailUsage("localize", std::string(prior.status().message()), options.json);
   options.prior = *std::move(prior);
   const bool photo = std::filesystem::is_regular_file(options.input.sequence, error);
+  for (const std::string& another : options.more_photos) {
+    if (photo && std::filesystem::is_regular_file(another, error)) continue;
+    return FailUsage("localize",
+                     absl::StrCat(photo ? another : options.input.sequence,
+                                  " is no photo: several photos may be named, or one folder"),
+                     options.json);
+  }
   if (!std::filesystem::exists(options.input.sequence, error)) {
     return absl::NotFoundError(
         absl::StrCat(options.input.sequence, " does not exist: name a photo or a sequence's folder"));
@@ -300,6 +346,7 @@ absl::StatusOr<int> Localize(LocalizeOptions options) {
         options.json);
   }
   std::vector<std::string> inputs = InputFiles(options.input);
+  inputs.insert(inputs.end(), options.more_photos.begin(), options.more_photos.end());
   if (options.server.empty()) inputs.push_back(options.map);
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out, options.picture}, inputs));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
@@ -307,24 +354,28 @@ absl::StatusOr<int> Localize(LocalizeOptions options) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   if (const std::vector<std::string> several = SeveralMaps(options); options.all_maps || !several.empty()) {
-    if (!photo || !options.out.empty() || options.prior) {
+    if (!photo || !options.more_photos.empty() || !options.out.empty() || options.prior) {
       return FailUsage("localize", "several maps are asked for one photo at a time, without --out and --prior",
                        options.json);
     }
-    CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options));
+    CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options, options.input.sequence, {}));
     return LocalizeAcrossMaps(options.server, several, query, options.input.sequence, options.json);
   }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<LocalizeTarget> localizer,
                          OpenLocalizeTarget(options.server, options.map));
+  if (!options.more_photos.empty()) return LocalizePhotos(options, *localizer);
   return photo ? LocalizePhoto(options, *localizer) : LocalizeSequence(options, *localizer, &interrupt);
 }
 
 }  // namespace
 
 void AddLocalizeCommand(CLI::App& app, Action* action) {
-  CLI::App* verb = app.add_subcommand("localize", "Find the cameras of a sequence, or of one photo, in a map");
+  CLI::App* verb = app.add_subcommand("localize", "Find the cameras of a sequence, or of photos, in a map");
   auto options = std::make_shared<LocalizeOptions>();
   AddInputOptions(verb, &options->input);
+  verb->get_option("DATASET")->description(
+      "A photo, or the folder of a sequence: EuRoC, TUM RGB-D, TUM monoVO, KITTI, images with times.txt");
+  verb->add_option("PHOTOS", options->more_photos, "Further photos");
   verb->add_option("--map", options->map,
                    "Map file (.cairn), with --server the name of a map there, or of several with commas between; it is "
                    "only read");
@@ -344,8 +395,9 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   verb->footer(
       "Exit code 4 if no image was located. Beside a session that extends the map each image is looked for in the "
       "newest "
-      "revision.\n"
+      "revision. Photos of the map's own camera, as they came from it, need no --camera.\n"
       "Examples:\n"
+      "  cairn localize photo.jpg another.jpg --map office.cairn\n"
       "  cairn localize second_visit --camera camera.yaml --map office.cairn --independent --out poses.txt\n"
       "  cairn localize photo.jpg --camera camera.yaml --map office.cairn\n"
       "  cairn localize photo.jpg --camera camera.yaml --map office.cairn --prior \"1.2 0.4 1.5 0 0 0 1\" "

@@ -6,6 +6,7 @@
 #include "cli/server_option.h"
 #include "cli/unix_time.h"
 #include "host/inspect.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -92,8 +93,8 @@ absl::Status Log(const LogOptions& options) {
     const std::string when = FormatUnixTime(change.committed_unix_ns);
     std::printf("%6llu  %-23s  %-9s  %s\n        %s\n", static_cast<unsigned long long>(change.revision),
                 when.empty() ? "-" : when.c_str(),
-                change.session ? absl::StrCat("session ", change.session.value()).c_str() : "-", change.reason.c_str(),
-                Touched(change).c_str());
+                change.session ? absl::StrCat("session ", change.session.value()).c_str() : "-",
+                text::Shown(change.reason).c_str(), Touched(change).c_str());
   }
   if (log.changes.empty()) std::printf("no change of the map fits (the newest %d are kept)\n", map::kMaxLoggedChanges);
   return absl::OkStatus();

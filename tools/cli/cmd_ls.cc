@@ -7,6 +7,7 @@
 
 #include "cli/cli.h"
 #include "cli/described_map.h"
+#include "cli/map_to_read.h"
 #include "cli/server_option.h"
 #include "host/map_host.h"
 #include "inspect/listing.h"
@@ -135,8 +136,9 @@ absl::Status ListContent(const LsOptions& options) {
   query.sort = options.sort.empty() ? "id" : options.sort;
   inspect::Listing none{inspect::ColumnsOf(kind), {}, 0};
   CAIRN_RETURN_IF_ERROR(inspect::Arrange(query, &none));  // a wrong name is told before a large map is loaded
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.path));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
-                         store::OpenMapStore(options.path, store::OpenMode::kRead));
+                         store::OpenMapStore(source.path(), store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   CAIRN_ASSIGN_OR_RETURN(const inspect::Listing listing, inspect::List(*map, kind, query));
   if (options.json) {
@@ -152,13 +154,11 @@ absl::Status ListContent(const LsOptions& options) {
 
 int List(const LsOptions& options) {
   std::error_code error;
-  const bool of_map = !options.what.empty() || (!options.path.empty() && options.server.empty() &&
-                                                !std::filesystem::is_directory(options.path, error));
+  const bool of_map =
+      !options.what.empty() ||
+      (!options.path.empty() && (!options.server.empty() || !std::filesystem::is_directory(options.path, error)));
   if (options.path.empty() && options.server.empty()) {
     return FailUsage("ls", "name a directory or a map, or give --server HOST:PORT before the verb", options.json);
-  }
-  if (!options.path.empty() && !options.server.empty()) {
-    return FailUsage("ls", "of a server the maps are listed: no name goes with --server", options.json);
   }
   const absl::Status status = of_map ? ListContent(options) : ListMaps(options);
   if (absl::IsInvalidArgument(status) && store::FaultOf(status) == store::Fault::kNone) {
@@ -172,7 +172,8 @@ int List(const LsOptions& options) {
 void AddLsCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("ls", "List the maps of a directory or a server, or what is in a map");
   auto options = std::make_shared<LsOptions>();
-  verb->add_option("PATH", options->path, "Directory of maps, or a map file (.cairn)");
+  verb->add_option("PATH", options->path,
+                   "Directory of maps, or a map file (.cairn); with --server nothing, or the name of a map there");
   verb->add_option("WHAT", options->what, "Of a map: keyframes (default), points, sessions, components or cameras")
       ->check(CLI::IsMember({"keyframes", "points", "sessions", "components", "cameras"}));
   verb->add_option("--sort", options->sort, "By this column, or a start of its name; what is not known comes last");
@@ -191,7 +192,8 @@ void AddLsCommand(CLI::App& app, Action* action) {
       "  cairn ls maps/\n"
       "  cairn ls office.cairn keyframes --sort points --limit 10\n"
       "  cairn ls office.cairn points --filter component=1 --filter 'error_px>2' --sort error_px --reverse\n"
-      "  cairn --server localhost:7878 ls");
+      "  cairn --server localhost:7878 ls\n"
+      "  cairn --server localhost:7878 ls office sessions");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
     *action = [=] { return List(*options); };

@@ -5,6 +5,7 @@
 #include "cli/cli.h"
 #include "cli/findings.h"
 #include "health/recover_map.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -36,10 +37,10 @@ nlohmann::ordered_json AsJson(const store::RecoverReport& report, const RecoverO
 std::string OfAll(std::int64_t kept, std::int64_t lost) { return lost < 0 ? "" : absl::StrCat(" of ", kept + lost); }
 
 void Print(const store::RecoverReport& report, const RecoverOptions& options) {
-  std::printf("%s: %lld%s keyframes and %lld%s points of %s\n", options.good.c_str(),
+  std::printf("%s: %lld%s keyframes and %lld%s points of %s\n", text::Shown(options.good).c_str(),
               static_cast<long long>(report.keyframes), OfAll(report.keyframes, report.keyframes_lost).c_str(),
               static_cast<long long>(report.points), OfAll(report.points, report.points_lost).c_str(),
-              options.bad.c_str());
+              text::Shown(options.bad).c_str());
   constexpr std::size_t kMaxListed = 20;
   if (!report.lost_keyframes.empty()) {
     const std::size_t listed = std::min(kMaxListed, report.lost_keyframes.size());
@@ -48,7 +49,7 @@ void Print(const store::RecoverReport& report, const RecoverOptions& options) {
     std::printf("  lost keyframes of which something was left: %s%s\n", absl::StrJoin(first, ", ").c_str(),
                 listed < report.lost_keyframes.size() ? ", ..." : "");
   }
-  for (const std::string& note : report.notes) std::printf("  %s\n", note.c_str());
+  for (const std::string& note : report.notes) std::printf("  %s\n", text::Shown(note).c_str());
 }
 
 }  // namespace

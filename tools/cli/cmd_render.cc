@@ -7,6 +7,7 @@
 #include "cli/component_report.h"
 #include "cli/loaded_map.h"
 #include "cli/map_scene.h"
+#include "cli/map_to_read.h"
 #include "plot/scene_figure.h"
 #include "text/text.h"
 
@@ -22,6 +23,7 @@ const std::map<std::string, SceneColors> kRenderColors = {{"session", SceneColor
 
 struct RenderOptions {
   std::string map, out;
+  ServerChoice server;
   std::string view = "plan", color = "session";
   std::uint32_t component = 0;
   double width_pt = 760.0;
@@ -38,9 +40,10 @@ struct Rendered {
 
 absl::StatusOr<Rendered> Render(const RenderOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.out));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out}, {options.map}));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out}, {InputFile(options.server, options.map)}));
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
-  CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("render", options.map));
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
+  CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("render", source.path()));
   Rendered rendered;
   rendered.components = TogetherInOneFrame(*loaded.map);
   if (options.component != 0) {
@@ -77,7 +80,7 @@ void AddRenderCommand(CLI::App& app, Action* action) {
     for (const auto& [name, value] : map) all.push_back(name);
     return all;
   };
-  verb->add_option("MAP", options->map, "Map file (.cairn)")->required();
+  verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("-o,--out", options->out, "Picture to write, .png or .svg")->required();
   verb->add_option("--view", options->view, "How it is looked at")
       ->check(CLI::IsMember(names(kRenderViews)))
@@ -100,7 +103,8 @@ void AddRenderCommand(CLI::App& app, Action* action) {
       "  cairn render office.cairn -o office.png\n"
       "  cairn render office.cairn -o office.svg --view perspective --color error\n"
       "  cairn render office.cairn -o side.png --view side --color age --overwrite");
-  verb->callback([=] {
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
     *action = [=] {
       const absl::StatusOr<Rendered> rendered = Render(*options);
       if (!rendered.ok()) return Fail("render", rendered.status(), options->json);

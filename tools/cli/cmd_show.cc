@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
+#include "cli/map_to_read.h"
 #include "cli/session_report.h"
 #include "inspect/listing.h"
 #include "inspect/measures.h"
@@ -26,6 +27,7 @@ constexpr double kPatchRadiusPx = 3.0;  // drawn for a feature of octave 0
 
 struct ShowOptions {
   std::string map;
+  ServerChoice server;
   std::string kind;
   std::uint32_t id = 0;
   std::string picture;
@@ -232,10 +234,11 @@ void PrintValue(const std::string& key, const ordered_json& value) {
 
 absl::Status Show(const ShowOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.map}));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {InputFile(options.server, options.map)}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
-                         store::OpenMapStore(options.map, store::OpenMode::kRead));
+                         store::OpenMapStore(source.path(), store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   const inspect::Kind kind = kShownKinds.at(options.kind);
   CAIRN_ASSIGN_OR_RETURN(const inspect::Listing listing,
@@ -269,7 +272,7 @@ absl::Status Show(const ShowOptions& options) {
       PrintValue(key, value);
     }
   }
-  if (!options.picture.empty()) std::printf("picture: %s\n", options.picture.c_str());
+  if (!options.picture.empty()) std::printf("picture: %s\n", text::Shown(options.picture).c_str());
   return absl::OkStatus();
 }
 
@@ -278,7 +281,7 @@ absl::Status Show(const ShowOptions& options) {
 void AddShowCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("show", "All that is known of a keyframe, point, session, component or camera");
   auto options = std::make_shared<ShowOptions>();
-  verb->add_option("MAP", options->map, "Map file (.cairn)")->required();
+  verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("KIND", options->kind, "keyframe, point, session, component or camera")
       ->required()
       ->check(CLI::IsMember({"keyframe", "point", "session", "component", "camera"}));
@@ -291,8 +294,10 @@ void AddShowCommand(CLI::App& app, Action* action) {
       "Exit codes: 0 ok, 1 failure (there is none of that number), 2 usage, 3 map damaged, 5 version.\n"
       "Examples:\n"
       "  cairn show office.cairn keyframe 12 --picture keyframe_12.png\n"
-      "  cairn show office.cairn point 345");
-  verb->callback([=] {
+      "  cairn show office.cairn point 345\n"
+      "  cairn --server localhost:7878 show office session 2");
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
     *action = [=] {
       if (!options->picture.empty() && options->kind != "keyframe") {
         return FailUsage("show", absl::StrCat("--picture draws what a keyframe sees: not of a ", options->kind),

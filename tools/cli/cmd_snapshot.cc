@@ -7,6 +7,7 @@
 #include "cli/server_option.h"
 #include "host/describe.h"
 #include "store/map_store.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -38,10 +39,10 @@ absl::Status TakeSnapshot(const SnapshotOptions& options) {
   if (options.json) {
     PrintJson(SummaryAsJson(copy));
   } else {
-    std::printf("%s is a copy of %s at revision %llu: %lld keyframes, %lld points, %.1f MB\n", copy.name.c_str(),
-                options.map.c_str(), static_cast<unsigned long long>(copy.revision),
-                static_cast<long long>(copy.keyframes), static_cast<long long>(copy.points),
-                static_cast<double>(copy.file_bytes) / 1e6);
+    std::printf("%s is a copy of %s at revision %llu: %lld keyframes, %lld points, %.1f MB\n",
+                text::Shown(copy.name).c_str(), text::Shown(options.map).c_str(),
+                static_cast<unsigned long long>(copy.revision), static_cast<long long>(copy.keyframes),
+                static_cast<long long>(copy.points), static_cast<double>(copy.file_bytes) / 1e6);
   }
   return absl::OkStatus();
 }

@@ -7,6 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "cli/cli.h"
+#include "cli/map_to_read.h"
 #include "inspect/statistics.h"
 #include "plot/inspect_figures.h"
 #include "store/map_store.h"
@@ -18,6 +19,7 @@ namespace {
 
 struct StatsOptions {
   std::string map;
+  ServerChoice server;
   std::uint32_t session = 0;
   std::string histogram;
   std::string picture;
@@ -88,10 +90,11 @@ absl::Status Draw(const std::vector<inspect::Distribution>& all, const std::stri
 
 absl::Status Stats(const StatsOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.map}));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {InputFile(options.server, options.map)}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
-                         store::OpenMapStore(options.map, store::OpenMode::kRead));
+                         store::OpenMapStore(source.path(), store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   if (options.session != 0 && !map->sessions().contains(SessionId(options.session))) {
     return absl::NotFoundError(absl::StrCat(options.map, ": there is no session ", options.session));
@@ -115,7 +118,7 @@ absl::Status Stats(const StatsOptions& options) {
   } else {
     PrintHistogram(*chosen);
   }
-  if (!options.json && !options.picture.empty()) std::printf("picture: %s\n", options.picture.c_str());
+  if (!options.json && !options.picture.empty()) std::printf("picture: %s\n", text::Shown(options.picture).c_str());
   return absl::OkStatus();
 }
 
@@ -124,7 +127,7 @@ absl::Status Stats(const StatsOptions& options) {
 void AddStatsCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("stats", "How good a map is: track lengths, errors, covisibility, depth");
   auto options = std::make_shared<StatsOptions>();
-  verb->add_option("MAP", options->map, "Map file (.cairn)")->required();
+  verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("--session", options->session, "Only the keyframes and points of this session");
   verb->add_option("--histogram", options->histogram, "One distribution, as a histogram");
   verb->add_option("--picture", options->picture, "Draw all of them to this .png or .svg file");
@@ -136,7 +139,8 @@ void AddStatsCommand(CLI::App& app, Action* action) {
       "Examples:\n"
       "  cairn stats office.cairn --picture office_stats.png\n"
       "  cairn stats office.cairn --histogram point_error_px --session 2");
-  verb->callback([=] {
+  verb->callback([=, &app] {
+    options->server = ServerOf(app);
     *action = [=] {
       const absl::Status status = Stats(*options);
       if (absl::IsInvalidArgument(status) && store::FaultOf(status) == store::Fault::kNone) {

@@ -5,6 +5,7 @@
 #include "cli/cli.h"
 #include "synth/map_copies.h"
 #include "synth/write.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -75,7 +76,8 @@ absl::Status Synthesize(const SynthOptions& options) {
   if (options.json) {
     PrintJson({{"dataset", options.out}, {"format", options.format}, {"frames", frames}, {"elapsed_s", elapsed_s}});
   } else {
-    std::printf("%s: %d images with ground truth, %.1f images/s\n", options.out.c_str(), frames, frames / elapsed_s);
+    std::printf("%s: %d images with ground truth, %.1f images/s\n", text::Shown(options.out).c_str(), frames,
+                frames / elapsed_s);
   }
   return absl::OkStatus();
 }
@@ -90,7 +92,7 @@ absl::Status CopyMap(const synth::MapCopiesOptions& options, const std::string& 
     PrintJson(
         {{"map", out}, {"keyframes", copies.keyframes}, {"points", copies.points}, {"components", copies.components}});
   } else {
-    std::printf("%s: %lld keyframes, %lld points, %d components\n", out.c_str(),
+    std::printf("%s: %lld keyframes, %lld points, %d components\n", text::Shown(out).c_str(),
                 static_cast<long long>(copies.keyframes), static_cast<long long>(copies.points), copies.components);
   }
   return absl::OkStatus();

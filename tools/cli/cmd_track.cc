@@ -24,6 +24,7 @@
 #include "cli/server_option.h"
 #include "cli/track_target.h"
 #include "io/trajectory.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -288,7 +289,7 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
                 100.0 * share(count));
   }
   for (const auto& [reason, count] : summary.reasons) {
-    std::printf("  lost %lld times: %s\n", static_cast<long long>(count), reason.c_str());
+    std::printf("  lost %lld times: %s\n", static_cast<long long>(count), text::Shown(reason).c_str());
   }
   std::printf("  %.2f s of processor time per second of video, reading the images included\n", cpu_per_s);
   if (summary.elsewhere > 0) {
@@ -301,7 +302,7 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
     std::printf("  %lld frames without the server, in what was known of the map, up to %.1f s old\n",
                 static_cast<long long>(summary.disconnected), summary.map_age_s);
   }
-  if (!summary.note.empty()) std::printf("  the map was not followed: %s\n", summary.note.c_str());
+  if (!summary.note.empty()) std::printf("  the map was not followed: %s\n", text::Shown(summary.note).c_str());
   if (interrupted) std::printf("  interrupted: this is what was done until then\n");
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }

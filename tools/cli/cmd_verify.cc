@@ -6,6 +6,7 @@
 #include "cli/findings.h"
 #include "cli/server_option.h"
 #include "host/inspect.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -41,7 +42,7 @@ void Print(const api::MapVerification& report, const VerifyOptions& options) {
   for (const map::Finding& finding : report.findings) std::printf("%s\n", Describe(finding).c_str());
   if (report.findings.empty() && report.summary) {
     std::printf("%s: good. Revision %llu, %lld keyframes, %lld points: structure, checksums and references%s\n",
-                options.map.c_str(), static_cast<unsigned long long>(report.summary->revision),
+                text::Shown(options.map).c_str(), static_cast<unsigned long long>(report.summary->revision),
                 static_cast<long long>(report.summary->keyframes), static_cast<long long>(report.summary->points),
                 options.deep ? ", words and geometry" : " (--deep also checks words and geometry)");
     return;
@@ -50,7 +51,7 @@ void Print(const api::MapVerification& report, const VerifyOptions& options) {
   std::printf(
       "%s: DAMAGED, %zu finding%s. Keep the file as it is, and get back what is good with%s:\n"
       "  cairn recover %s NEW.cairn\n",
-      options.map.c_str(), report.findings.size(), report.findings.size() == 1 ? "" : "s",
+      text::Shown(options.map).c_str(), report.findings.size(), report.findings.size() == 1 ? "" : "s",
       options.server.empty() ? "" : ", where the server keeps it", file.c_str());
 }
 

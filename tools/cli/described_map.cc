@@ -6,6 +6,7 @@
 #include "cli/align_report.h"
 #include "cli/geo_options.h"
 #include "cli/unix_time.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -63,8 +64,9 @@ nlohmann::ordered_json DescribedMapAsJson(const api::MapDescription& map) {
 
 void PrintDescribedMap(const api::MapDescription& map) {
   const api::MapSummary& summary = map.summary;
-  std::printf("%s: map \"%s\", revision %lld%s\n", summary.name.c_str(), summary.title.c_str(),
-              L(static_cast<std::int64_t>(summary.revision)), summary.writing ? ", being extended" : "");
+  std::printf("%s: map \"%s\", revision %lld%s\n", text::Shown(summary.name).c_str(),
+              text::Shown(summary.title).c_str(), L(static_cast<std::int64_t>(summary.revision)),
+              summary.writing ? ", being extended" : "");
   std::printf("  %lld keyframes, %lld points, %.1f MB, id %s\n", L(summary.keyframes), L(summary.points),
               static_cast<double>(summary.file_bytes) / 1e6, summary.id.c_str());
   if (summary.geo_anchor) std::printf("  on the earth at %s\n", DescribeAnchor(*summary.geo_anchor).c_str());
@@ -77,14 +79,15 @@ void PrintDescribedMap(const api::MapDescription& map) {
     }
   }
   for (const api::CameraInfo& camera : map.cameras) {
-    std::printf("  camera %u, %s: %s%s\n", camera.id.value(), camera.name.c_str(), camera.camera.Describe().c_str(),
-                camera.lens_corrected ? ", lens corrected by the map" : "");
+    std::printf("  camera %u, %s: %s%s\n", camera.id.value(), text::Shown(camera.name).c_str(),
+                camera.camera.Describe().c_str(), camera.lens_corrected ? ", lens corrected by the map" : "");
   }
   for (const map::Session& session : map.sessions) {
     const std::string started = FormatUnixTime(session.started_unix_ns);
-    std::printf("  session %u: %s, camera %u, %.1f s, by cairn %s%s%s%s\n", session.id.value(), session.source.c_str(),
-                session.camera.value(), ToSeconds(std::max<TimeNs>(0, session.last_ns - session.first_ns)),
-                session.software_version.c_str(), started.empty() ? "" : " on ", started.c_str(),
+    std::printf("  session %u: %s, camera %u, %.1f s, by cairn %s%s%s%s\n", session.id.value(),
+                text::Shown(session.source).c_str(), session.camera.value(),
+                ToSeconds(std::max<TimeNs>(0, session.last_ns - session.first_ns)),
+                text::Shown(session.software_version).c_str(), started.empty() ? "" : " on ", started.c_str(),
                 session.complete  ? ""
                 : summary.writing ? " (running, or cut off)"
                                   : " (cut off)");

@@ -15,6 +15,7 @@
 #include "exchange/model_images.h"
 #include "io/ply.h"
 #include "store/map_store.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -147,8 +148,9 @@ absl::Status ExportModel(const ModelExport& options) {
                  {"error_mean_of_points_px", errors.mean_of_points_px}});
     PrintJson(json);
   } else {
-    std::printf("%s: %s of %zu keyframes and %zu points, in %s\n", options.out.c_str(), options.format.c_str(),
-                model.images.size(), model.points.size(), model.metric ? "the world, metres" : "map units");
+    std::printf("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out).c_str(),
+                options.format.c_str(), model.images.size(), model.points.size(),
+                model.metric ? "the world, metres" : "map units");
     if (!options.images.empty()) std::printf("  %zu images of keyframes\n", images);
     std::printf("  reprojection error %.3f px on average, %.3f px RMS\n", errors.mean_px, errors.rms_px);
   }

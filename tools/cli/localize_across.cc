@@ -6,6 +6,7 @@
 #include "cli/cli.h"
 #include "cli/localize_answer.h"
 #include "cli/server_option.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -36,7 +37,7 @@ void Print(const api::AcrossAnswer& across, const std::string& image) {
   if (across.answers.empty()) std::printf("there is no map\n");
   for (const api::AnswerOfMap& answer : across.answers) {
     if (across.located() != nullptr && answer.status.ok() && !answer.answer.localized) continue;
-    std::printf("%s: ", answer.map.c_str());
+    std::printf("%s: ", text::Shown(answer.map).c_str());
     if (answer.status.ok()) {
       PrintLocalizeAnswer(answer.answer, image);
     } else {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "cli/component_report.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -82,7 +83,7 @@ void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& p
   const std::string name = std::filesystem::path(path).filename().string();
   if (answer.localized) {
     const Vector3d& t = (InWorld(answer) ? answer.world_from_camera : answer.map_from_camera).translation();
-    std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", name.c_str(), t.x(), t.y(), t.z(),
+    std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", text::Shown(name).c_str(), t.x(), t.y(), t.z(),
                 InWorld(answer) ? "m" : "(map units)", answer.counts.inliers, answer.extract_ms + answer.locate_ms);
     if (answer.components > 1) std::printf(", in component %u", answer.component.value());
     if (answer.focal_factor != 1.0) {
@@ -90,8 +91,8 @@ void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& p
     }
     std::printf("\n");
   } else {
-    std::printf("%s: not located at stage \"%s\": %s\n", name.c_str(), api::LocalizeStageName(answer.stage),
-                answer.reason.c_str());
+    std::printf("%s: not located at stage \"%s\": %s\n", text::Shown(name).c_str(),
+                api::LocalizeStageName(answer.stage), text::Shown(answer.reason).c_str());
     PrintRivals(answer);
   }
 }

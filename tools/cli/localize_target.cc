@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "cli/map_camera.h"
 #include "cli/server_option.h"
 #include "client/local_localizer.h"
 
@@ -10,7 +11,10 @@ namespace {
 
 class MapFile final : public LocalizeTarget {
  public:
-  explicit MapFile(std::unique_ptr<client::LocalLocalizer> localizer) : localizer_(std::move(localizer)) { Look(); }
+  explicit MapFile(std::unique_ptr<client::LocalLocalizer> localizer) : localizer_(std::move(localizer)) {
+    Look();
+    cameras_ = CamerasOf(localizer_->snapshot());
+  }
 
   absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override {
     return localizer_->Localize(query);
@@ -22,12 +26,14 @@ class MapFile final : public LocalizeTarget {
   }
   Revision revision() const override { return localizer_->snapshot().revision(); }
   const CommonFrame& frame() const override { return frame_; }
+  const std::vector<Camera>& cameras() const override { return cameras_; }
 
  private:
   void Look() { frame_ = CommonFrameOf(localizer_->snapshot()); }
 
   const std::unique_ptr<client::LocalLocalizer> localizer_;
   CommonFrame frame_;
+  std::vector<Camera> cameras_;
 };
 
 // The server answers from the newest revision by itself.
@@ -38,7 +44,9 @@ class ServedMap final : public LocalizeTarget {
       : service_(std::move(service)),
         localizer_(service_.get(), map),
         revision_(description.summary.revision),
-        frame_(CommonFrameOf(description)) {}
+        frame_(CommonFrameOf(description)) {
+    for (const api::CameraInfo& camera : description.cameras) cameras_.push_back(camera.camera);
+  }
 
   absl::StatusOr<api::LocalizeAnswer> Localize(const api::LocalizeQuery& query) override {
     return localizer_.Localize(query);
@@ -46,12 +54,14 @@ class ServedMap final : public LocalizeTarget {
   absl::StatusOr<bool> Refresh() override { return false; }
   Revision revision() const override { return revision_; }
   const CommonFrame& frame() const override { return frame_; }
+  const std::vector<Camera>& cameras() const override { return cameras_; }
 
  private:
   const std::unique_ptr<client::RemoteMapService> service_;
   api::ServedLocalizer localizer_;
   const Revision revision_;
   const CommonFrame frame_;
+  std::vector<Camera> cameras_;
 };
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "api/localizer.h"
 #include "base/ids.h"
@@ -19,6 +20,8 @@ class LocalizeTarget : public api::Localizer {
   virtual Revision revision() const = 0;
   // As of the last Refresh().
   virtual const CommonFrame& frame() const = 0;
+  // Of the map, as calibrated; as of the opening.
+  virtual const std::vector<Camera>& cameras() const = 0;
 };
 
 // `server` empty: `map` is a file.

@@ -11,6 +11,7 @@
 #include <cstring>
 #include <exception>
 #include <iostream>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <string>
@@ -23,6 +24,7 @@
 #include "base/guarded.h"
 #include "base/version.h"
 #include "cli/cli.h"
+#include "cli/help_format.h"
 #include "cli/server_option.h"
 
 namespace {
@@ -103,6 +105,28 @@ std::string VerbOf(const CLI::App& app, const std::vector<std::string>& argument
   return verb;
 }
 
+// CLI11 tells ranges with every digit of the largest double.
+std::string InPlainNumbers(const CLI::App& app, const std::string& message) {
+  const std::string value_is = ": Value ", not_in = " not in range ", up_to = " to ";
+  const std::size_t value = message.find(value_is), range = message.find(not_in), to = message.find(up_to, range);
+  if (value == std::string::npos || range == std::string::npos || to == std::string::npos) return message;
+  const std::string name = message.substr(0, value);
+  const std::string given = message.substr(value + value_is.size(), range - value - value_is.size());
+  double low = 0.0, high = 0.0;
+  if (!absl::SimpleAtod(message.substr(range + not_in.size(), to - range - not_in.size()), &low) ||
+      !absl::SimpleAtod(message.substr(to + up_to.size()), &high)) {
+    return message;
+  }
+  double number;
+  if (!absl::SimpleAtod(given, &number)) return absl::StrCat(name, ": ", given, " is no number");
+  if (high < 1e300) return absl::StrCat(name, ": ", given, " is not within ", low, " to ", high);
+  const CLI::App* verb = &app;
+  while (!verb->get_subcommands().empty()) verb = verb->get_subcommands().front();
+  const CLI::Option* const option = verb->get_option_no_throw(name);
+  const bool positive = option != nullptr && absl::StrContains(option->get_type_name(), "POSITIVE");
+  return absl::StrCat(name, ": ", given, positive ? " is not larger than 0" : " is less than 0");
+}
+
 // An option with nothing behind its `=`: CLI11 would take what follows for its value, another option even. Shells leave
 // that of a variable that is not set.
 std::string EmptyValue(const std::vector<std::string>& arguments) {
@@ -127,6 +151,7 @@ int ParseAndRun(Call* call) {
       "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged, 4 not localized, 5 version, 129, 130 and 143 interrupted.\n"
       "Each verb has its own --help, with examples.");
 
+  app.formatter(std::make_shared<HelpFormat>());  // verbs take it over
   AddServerOption(app);
   Action action;
   AddRunCommand(app, &action);
@@ -177,7 +202,7 @@ int ParseAndRun(Call* call) {
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
     const std::string help = absl::StrCat("; see cairn ", call->verb, call->verb.empty() ? "" : " ", "--help");
-    return FailUsage(call->verb, absl::StrCat(error.what(), call->json ? "" : help), call->json);
+    return FailUsage(call->verb, absl::StrCat(InPlainNumbers(app, error.what()), call->json ? "" : help), call->json);
   }
   const std::string verb = app.get_subcommands().front()->get_name();
   if (!ServerOf(app).address.empty() && !AsksServers(verb)) {

@@ -10,6 +10,7 @@
 #include "cli/component_report.h"
 #include "cli/sample_statistics.h"
 #include "cli/session_report.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -238,8 +239,8 @@ void PrintForPeople(const RunOptions& options, const engine::SessionReport& repo
                     const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt,
                     std::optional<std::int64_t> live_poses) {
   PrintDoubt(report);
-  std::printf("%s: %lld keyframes, %lld points\n", options.map.c_str(), static_cast<long long>(report.keyframes),
-              static_cast<long long>(report.points));
+  std::printf("%s: %lld keyframes, %lld points\n", text::Shown(options.map).c_str(),
+              static_cast<long long>(report.keyframes), static_cast<long long>(report.points));
   if (const std::string where = WhereItIs(report, session); !where.empty()) std::printf("  %s\n", where.c_str());
   for (const mapping::JoinReport& join : report.joins) {
     if (!join.gap) continue;

@@ -9,6 +9,7 @@
 #include "cli/run_options.h"
 #include "cli/server_option.h"
 #include "io/trajectory.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -59,7 +60,7 @@ void PrintServedRun(const RunOptions& options, const api::SessionSummary& summar
     PrintJson(json);
     return;
   }
-  std::printf("%s: session %u, %lld keyframes, %lld points, revision %llu; %s\n", options.map.c_str(),
+  std::printf("%s: session %u, %lld keyframes, %lld points, revision %llu; %s\n", text::Shown(options.map).c_str(),
               summary.session.value(), static_cast<long long>(summary.keyframes),
               static_cast<long long>(summary.points), static_cast<unsigned long long>(summary.revision),
               summary.result == map::SessionResult::kLocated ? "found in what was there"

@@ -17,9 +17,9 @@ constexpr const char *kServer = "--server", *kTokenFile = "--token-file", *kTls 
                      *kCertificate = "--cert", *kKey = "--key", *kTokenInClear = "--token-in-clear";
 constexpr std::uint64_t kMaxTokenBytes = 4096;
 // The verbs that ask a server as they ask a file; the others are about files.
-constexpr std::array<absl::string_view, 16> kServedVerbs = {
-    "ls",       "info",   "log",    "localize", "track",   "run", "align", "verify",
-    "snapshot", "export", "create", "delete",   "restore", "top", "bench", "session"};
+constexpr std::array<absl::string_view, 22> kServedVerbs = {
+    "ls",  "info",  "show",   "stats",    "explain", "coverage", "diff",   "render",  "log", "localize", "track",
+    "run", "align", "verify", "snapshot", "export",  "create",   "delete", "restore", "top", "bench",    "session"};
 
 std::string TextOf(const CLI::App& app, const char* name) {
   const CLI::Option* option = app.get_option(name);
@@ -41,10 +41,11 @@ void AddServerOption(CLI::App& app) {
   // By reference: that is what CLI11 takes a help text as.
   const auto add = [&](const char* name, const std::string& help) { return app.add_option(name, help)->group(kGroup); };
   const auto flag = [&](const char* name, const std::string& help) { return app.add_flag(name, help)->group(kGroup); };
-  CLI::Option* const server = add(kServer,
-                                  "HOST[:PORT] of a cairnd (7878): ls, info, log, localize, track, run, align, verify, "
-                                  "snapshot, export, create, delete, restore, session, top "
-                                  "and bench server ask it, and MAP is a name there");
+  CLI::Option* const server =
+      add(kServer,
+          "HOST[:PORT] of a cairnd (7878): ls, info, show, stats, explain, coverage, diff, render, "
+          "log, localize, track, run, align, verify, snapshot, export, create, delete, restore, session, top "
+          "and bench server ask it, and MAP is a name there");
   add(kTokenFile, "File with the token that it asks for (cairnd token create); else CAIRN_TOKEN of the environment")
       ->needs(server);
   flag(kTls, "It speaks TLS, with a certificate of a CA that this machine trusts")->needs(server);

@@ -10,6 +10,8 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "io/atomic_file.h"
+#include "plot/fonts.h"
+#include "text/text.h"
 
 namespace cairn::plot {
 namespace {
@@ -151,20 +153,23 @@ void Canvas::StrokeRect(const Rect& rect, Color color, double width_pt) {
   cairo_stroke(context_.get());
 }
 
-void Canvas::SetFont(const TextStyle& style) {
-  cairo_select_font_face(context_.get(), "DejaVu Sans", CAIRO_FONT_SLANT_NORMAL,
-                         style.bold ? CAIRO_FONT_WEIGHT_BOLD : CAIRO_FONT_WEIGHT_NORMAL);
+void Canvas::SetFont(const std::string& text, const TextStyle& style) {
+  cairo_font_face_t* const font = FontFor(text, style.bold);
+  cairo_set_font_face(context_.get(), font);
+  cairo_font_face_destroy(font);
   cairo_set_font_size(context_.get(), style.size_pt);
 }
 
-double Canvas::TextWidth(const std::string& text, const TextStyle& style) {
-  SetFont(style);
+double Canvas::TextWidth(const std::string& of, const TextStyle& style) {
+  const std::string text = text::Shown(of);
+  SetFont(text, style);
   cairo_text_extents_t extents;
   cairo_text_extents(context_.get(), text.c_str(), &extents);
   return extents.x_advance;
 }
 
-void Canvas::Text(Point at, const std::string& text, const TextStyle& style) {
+void Canvas::Text(Point at, const std::string& of, const TextStyle& style) {
+  const std::string text = text::Shown(of);
   const double width = TextWidth(text, style);
   cairo_t* c = context_.get();
   cairo_save(c);

@@ -92,7 +92,7 @@ class Canvas {
     void operator()(cairo_t* context) const { cairo_destroy(context); }
     void operator()(cairo_surface_t* surface) const { cairo_surface_destroy(surface); }
   };
-  void SetFont(const TextStyle& style);
+  void SetFont(const std::string& text, const TextStyle& style);
   void SetColor(Color color);
 
   std::string path_;

@@ -41,6 +41,22 @@ TrajectoryFigure Winding() {
   return figure;
 }
 
+TEST_F(Figures, NamesInAnyScriptAreDrawn) {
+  const std::string path = Path("names.svg");
+  auto canvas = Canvas::Create(path, 400.0, 300.0, 1.0);
+  ASSERT_TRUE(canvas.ok()) << canvas.status();
+  const std::vector<std::string> names = {"office",       "B\u00fcro",          "\u043a\u0443\u0445\u043d\u044f",
+                                          "\u53a8\u623f", "not \xff\xfe UTF-8", "\x1b[31m"};
+  double y = 20.0;
+  for (const std::string& name : names) {
+    EXPECT_GT(canvas->TextWidth(name, {}), 10.0) << name;
+    canvas->Text({10.0, y += 20.0}, name, {});
+  }
+  EXPECT_NEAR(canvas->TextWidth("\xff", {}), canvas->TextWidth("\\xff", {}), 1e-6);
+  const absl::Status drawn = canvas->Finish(false);
+  EXPECT_TRUE(drawn.ok()) << drawn;
+}
+
 TEST(Axes, RoundTicks) {
   const auto ticks = Ticks({.low = -0.31, .high = 0.62, .count = 2}, 5);
   ASSERT_EQ(ticks.size(), 5u);
