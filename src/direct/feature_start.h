@@ -16,6 +16,7 @@
 
 #include "direct/odometry_options.h"
 #include "direct/packet.h"
+#include "direct/structure_adjustment.h"
 #include "geometry/pinhole.h"
 #include "geometry/se3.h"
 
@@ -49,12 +50,15 @@ class FeatureStart {
   // How well poses of all frames since the reference (identity first) explain the corners, as StartResult::cost; large
   // if too few corners are left to tell. Frames that are not known are left out.
   double CostOf(const std::vector<std::optional<SE3>>& camera_from_reference) const;
+  // Of those corners alone that the poses explain within 2 px or so; 0 if too few corners are left to tell.
+  double InlierRmsPxOf(const std::vector<std::optional<SE3>>& camera_from_reference) const;
   // Frames since and with the reference.
   int FrameCount() const { return static_cast<int>(tracks_.size()); }
 
  private:
   void SetReference(const cv::Mat& gray);
   bool Follow(const cv::Mat& gray);
+  std::optional<StructureReport> Explain(const std::vector<std::optional<SE3>>& camera_from_reference) const;
   StartResult Solve();
   StartResult Choose(const std::vector<SE3>& candidates, const std::vector<int>& alive, const std::vector<int>& views,
                      bool plane, double flow_rad);

@@ -36,13 +36,25 @@ double TriangulateInverseDepth(const Vector3d& reference_ray, const Vector3d& vi
 }  // namespace
 
 double FeatureStart::CostOf(const std::vector<std::optional<SE3>>& camera_from_reference) const {
+  const std::optional<StructureReport> report = Explain(camera_from_reference);
+  return report ? Cost(*report) : 1e300;
+}
+
+double FeatureStart::InlierRmsPxOf(const std::vector<std::optional<SE3>>& camera_from_reference) const {
+  const std::optional<StructureReport> report = Explain(camera_from_reference);
+  return report ? report->rms_px : 0.0;
+}
+
+// With the best depths; nothing where too few corners are left.
+std::optional<StructureReport> FeatureStart::Explain(
+    const std::vector<std::optional<SE3>>& camera_from_reference) const {
   StructureProblem problem;
   problem.camera = camera_;
   std::vector<int> frames;
   for (int f = 1; f < FrameCount(); ++f) {
     if (camera_from_reference[f]) frames.push_back(f);
   }
-  if (frames.empty()) return 1e300;
+  if (frames.empty()) return std::nullopt;
   const int known = static_cast<int>(frames.size()), count = std::min(known, kMaxStartViews);
   for (int v = 1; v <= count; ++v) {
     const int f = frames[(v * known) / count - 1];
@@ -60,8 +72,8 @@ double FeatureStart::CostOf(const std::vector<std::optional<SE3>>& camera_from_r
     problem.inverse_depth.push_back(TriangulateInverseDepth(camera_.Unproject(first), camera_.Unproject(last),
                                                             problem.camera_from_reference.back()));
   }
-  if (static_cast<int>(problem.reference_px.size()) < options_.start_min_features) return 1e300;
-  return Cost(AdjustDepths(5, &problem));
+  if (static_cast<int>(problem.reference_px.size()) < options_.start_min_features) return std::nullopt;
+  return AdjustDepths(5, &problem);
 }
 
 // The motion that fits best, unless another one fits about as well.

@@ -39,17 +39,20 @@ struct Outcome {
   std::size_t packets = 0, keyframes = 0;
 };
 
+SE3 SwayAt(int i) { return testing::SwayPose(i); }
+
+std::vector<Frame> Rendered(int count, const std::function<SE3(int)>& pose) {
+  std::vector<Frame> frames;
+  const testing::Scene scene;
+  for (int i = 0; i < count; ++i) frames.push_back(scene.Render(testing::TestCamera(), pose(i), i));
+  return frames;
+}
+
 // `lag`: frames tracked and not optimized with yet, as with two threads.
-Outcome Play(const std::function<void(StartResult*)>& alter, int lag) {
+Outcome PlayFrames(const std::vector<Frame>& frames, const std::function<void(StartResult*)>& alter, int lag) {
   auto odometry = Odometry::Create(OdometryOptions(), testing::TestCamera());
   EXPECT_TRUE(odometry.ok()) << odometry.status();
   if (alter) OdometryPeer::AlterStarts(odometry->get(), alter);
-  static const std::vector<Frame> frames = [] {
-    std::vector<Frame> all;
-    const testing::Scene scene;
-    for (int i = 0; i < 56; ++i) all.push_back(scene.Render(testing::TestCamera(), testing::SwayPose(i), i));
-    return all;
-  }();
   Outcome outcome;
   for (const Frame& frame : frames) {
     EXPECT_TRUE((*odometry)->Track(frame).ok());
@@ -64,11 +67,18 @@ Outcome Play(const std::function<void(StartResult*)>& alter, int lag) {
   return outcome;
 }
 
+Outcome Play(const std::function<void(StartResult*)>& alter, int lag) {
+  static const std::vector<Frame> frames = Rendered(56, SwayAt);
+  return PlayFrames(frames, alter, lag);
+}
+
 // Root mean square position error with the scale fitted, as a share of the largest distance from the first frame.
-double RelativeError(const std::vector<FrameResult>& results) {
+double RelativeError(const std::vector<FrameResult>& results,
+                     const std::function<SE3(int)>& world_from_camera = SwayAt) {
   double along = 0.0, squared = 0.0, length = 0.0, sum = 0.0;
   const auto truth = [&](const FrameResult& r) {
-    return Vector3d(testing::SwayPose(0).Inverse() * testing::SwayPose(static_cast<double>(r.index)).translation());
+    return Vector3d(world_from_camera(static_cast<int>(results.front().index)).Inverse() *
+                    world_from_camera(static_cast<int>(r.index)).translation());
   };
   const auto estimate = [&](const FrameResult& r) {
     return Vector3d(results.front().direct_from_camera.Inverse() * r.direct_from_camera.translation());
@@ -108,6 +118,52 @@ TEST(OdometryConfirmation, AStartThatHealsStands) {
   const Outcome outcome = Play([](StartResult* start) { Exaggerate(5.0, start); }, 0);
   EXPECT_EQ(outcome.statistics.starts_undone, 0);
   EXPECT_LT(RelativeError(outcome.results), 0.01);
+}
+
+// The frame in which the corners of a sway tell its motion.
+int StartOfSway() {
+  static const int start = [] {
+    FeatureStart corners(OdometryOptions(), testing::TestCamera());
+    const testing::Scene scene;
+    int i = 0;
+    while (i < 40 && !corners.Add(scene.Render(testing::TestCamera(), SwayAt(i), i)).success) ++i;
+    return i;
+  }();
+  return start;
+}
+
+// The camera sways on, but its view turns to the left before the start is proven.
+SE3 TurningAway(int i) {
+  const double turned_rad = 0.1 * std::clamp(i - StartOfSway() - 1, 0, 12);
+  return SwayAt(i) * SE3(ExpSO3(Vector3d(0, -turned_rad, 0)), Vector3d::Zero());
+}
+
+// A good one stands. A wrong one is undone once other corners contradict it, and those begin another.
+TEST(OdometryConfirmation, AStartThatNothingProvedIsLookedAtAgain) {
+  const std::vector<Frame> frames = Rendered(StartOfSway() + 60, TurningAway);
+  const Outcome good = PlayFrames(frames, nullptr, 0);
+  EXPECT_EQ(good.statistics.starts_undone, 0);
+  EXPECT_EQ(good.statistics.segments, 1);
+  EXPECT_EQ(good.packets, good.keyframes);
+  for (int lag : {0, 3}) {
+    int starts = 0;
+    const Outcome wrong = PlayFrames(
+        frames,
+        [&](StartResult* start) {
+          if (starts++ == 0) Exaggerate(-1.0, start);
+        },
+        lag);
+    EXPECT_EQ(wrong.statistics.starts_undone, 1) << lag;
+    EXPECT_EQ(wrong.statistics.segments, 1) << lag;
+    EXPECT_EQ(wrong.packets, wrong.keyframes) << lag;
+    std::vector<FrameResult> turned;
+    for (const FrameResult& result : wrong.results) {
+      if (result.index < StartOfSway() + 14) continue;
+      ASSERT_GE(result.keyframe, 0) << "frame " << result.index;
+      turned.push_back(result);
+    }
+    EXPECT_LT(RelativeError(turned, TurningAway), 0.02) << lag;
+  }
 }
 
 TEST(StructureAdjustment, FindsDepthsWithThePosesGiven) {

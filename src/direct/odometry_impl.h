@@ -177,6 +177,8 @@ class Odometry::Impl {
   void DoubtStart(const Frame& frame, std::size_t position, bool tracked);
   std::vector<std::optional<SE3>> PosesSinceReference() const;
   void UndoStart(const StartResult& better);
+  void LookAgain();
+  void DoubtAgain();
   void TrustStart();
 
   // odometry_recovery.cc
@@ -226,6 +228,8 @@ class Odometry::Impl {
   RetainedFrames retained_;
   OdometryStart start_;
   StartConfirmation confirmation_;
+  bool looks_again_ = false;  // for corners to prove a start by that nothing has proven yet
+  int contradictions_ = 0;    // in a row, that were found in this way
   std::int64_t segment_ = 0;
   Job last_frame_;  // the last one tracked and traced, if it is no keyframe
 };

@@ -219,6 +219,7 @@ void Odometry::Impl::FlushWindow() {
     start_doubted_ = false;
   }
   if (!window_.empty()) ++segment_;
+  looks_again_ = false;
   window_.Clear();
   start_.Reset();
   cover_.Reset();

@@ -7,6 +7,15 @@
 #include "direct/odometry_impl.h"
 
 namespace cairn::direct {
+namespace {
+
+// That are held back while a start is doubted; each holds its image. Then it is trusted.
+constexpr std::size_t kMaxHeldPackets = 60;
+// So many starts in a row must contradict one that nothing proved: someone who passes through the view does so once,
+// until he is known as an obstacle; a wrong start contradicts everything.
+constexpr int kContradictions = 2;
+
+}  // namespace
 
 SegmentNumbers Odometry::Impl::NextNumbers() const {
   std::lock_guard lock(mutex_);
@@ -134,15 +143,49 @@ void Odometry::Impl::DoubtStart(const Frame& frame, std::size_t position, bool t
   if (!start_doubted_) return;
   const Timer timer(this, &statistics_.start);
   retained_.Add(frame, position);
+  if (looks_again_) return DoubtAgain();
   StartResult better;
   switch (confirmation_.Judge(frame, tracked, PosesSinceReference(), &better)) {
     case StartVerdict::kOpen:
       return;
     case StartVerdict::kRight:
       return TrustStart();
+    case StartVerdict::kUnproven:
+      contradictions_ = 0;
+      return LookAgain();
     case StartVerdict::kWrong:
-      return UndoStart(better);
+      UndoStart(better);
+      if (start_doubted_) TrustStart();
+      return;
   }
+}
+
+// The start stands and remains in doubt, with new corners.
+void Odometry::Impl::LookAgain() {
+  looks_again_ = true;
+  start_.LookAgain();
+}
+
+// Corners on an obstacle tell its motion, not the camera's.
+void Odometry::Impl::DoubtAgain() {
+  {
+    std::lock_guard lock(mutex_);
+    if (packets_.size() > kMaxHeldPackets) looks_again_ = false;
+  }
+  if (!looks_again_) return TrustStart();
+  if (cover_.mask.any()) {
+    contradictions_ = 0;
+    return LookAgain();
+  }
+  const StartResult second = start_.FollowAgain();
+  if (!second.success) return;
+  const StartVerdict verdict = confirmation_.Compare(second, PosesSinceReference());
+  if (verdict == StartVerdict::kUnproven) return LookAgain();
+  if (verdict == StartVerdict::kWrong && ++contradictions_ < kContradictions) return LookAgain();
+  looks_again_ = false;
+  // Either way it is to be proven as the first one was to be.
+  if (verdict == StartVerdict::kWrong) return UndoStart(second);
+  confirmation_.Begin();
 }
 
 std::vector<std::optional<SE3>> Odometry::Impl::PosesSinceReference() const {
@@ -182,10 +225,7 @@ void Odometry::Impl::UndoStart(const StartResult& better) {
   last_frame_ = {};
   cover_.Reset();
   window_.Clear();
-  if (start_.Redo(better, NextNumbers())) {
-    AdoptStart(better);
-    TrustStart();
-  }
+  if (start_.Redo(better, NextNumbers())) AdoptStart(better);
 }
 
 void Odometry::Impl::TrustStart() {

@@ -26,9 +26,20 @@ StartResult OdometryStart::Add(const Frame& frame, std::size_t position, const S
 
 bool OdometryStart::Redo(const StartResult& better, const SegmentNumbers& numbers) {
   if (first_window_->FromMotion(better, *retained_, numbers).ok()) return true;
+  LookAgain();
+  return false;
+}
+
+void OdometryStart::LookAgain() {
   BeginWithNewest();
   retained_->Thin();
-  return false;
+}
+
+StartResult OdometryStart::FollowAgain() {
+  StartResult start = corners_.Add(retained_->start().back().frame);
+  if (start.new_reference || corners_.FrameCount() == 0) retained_->MarkReference();
+  retained_->Thin();
+  return start;
 }
 
 void OdometryStart::BeginWithNewest() {

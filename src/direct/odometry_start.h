@@ -33,6 +33,12 @@ class OdometryStart {
   StartResult Add(const Frame& frame, std::size_t position, const SegmentNumbers& numbers);
   // The first window of another answer for the frames since the reference. Where that fails, all begins anew.
   bool Redo(const StartResult& better, const SegmentNumbers& numbers);
+  // A start that stands for want of a better answer (StartVerdict::kUnproven): corners are followed anew, from the
+  // newest frame, which is retained already; those before it wait on.
+  void LookAgain();
+  // One more frame since, already retained. A success is another start, of the frames since the newest reference, that
+  // has begun nothing yet: Redo() does.
+  StartResult FollowAgain();
   // Forgets corners and retained frames: the start is trusted, or what it began has ended.
   void Reset();
 

@@ -2,6 +2,12 @@
 // followed all the while, and two-view geometry and bundle adjustment over the longer way must not explain them much
 // better than the odometry's poses do.
 //
+// A view that turns away fast, or blurs, takes its corners along before the camera has moved. In such a view next to no
+// parallax and a rotation that is a little wrong look alike, and a start may stand on nothing; what is built on it gets
+// ever other scales. It is not undone for that, as most such starts are good: it stays in doubt until other corners
+// tell a motion by themselves. If the odometry's explains that one as well, the camera has to move on beyond it; two in
+// a row that it does not explain undo the start.
+//
 // What follows from the answer is the odometry's: a start found wrong is undone, the new answer builds another first
 // window, and all frames, which were kept, are tracked again. Packets are held back meanwhile.
 //
@@ -16,7 +22,12 @@
 
 namespace cairn::direct {
 
-enum class StartVerdict { kOpen, kRight, kWrong };
+enum class StartVerdict {
+  kOpen,
+  kRight,
+  kWrong,     // another answer explains the corners better
+  kUnproven,  // the corners were lost before the camera had moved on: nobody can tell
+};
 
 class StartConfirmation {
  public:
@@ -32,8 +43,13 @@ class StartConfirmation {
   StartVerdict Judge(const Frame& frame, bool tracked, const std::vector<std::optional<SE3>>& direct_from_camera,
                      StartResult* better);
 
+  // After kUnproven: do the odometry's poses explain the corners of a `second` start, of later frames, as well as that
+  // does? Poses of all frames since and with its reference. kUnproven: those corners prove nothing, either.
+  StartVerdict Compare(const StartResult& second, const std::vector<std::optional<SE3>>& direct_from_camera) const;
+
  private:
   bool MovedOn(const std::vector<std::optional<SE3>>& direct_from_camera) const;
+  bool IsWorse(const std::vector<std::optional<SE3>>& direct_from_camera, const StartResult& better) const;
   bool IsWrong(const std::vector<std::optional<SE3>>& direct_from_camera, StartResult* better) const;
 
   FeatureStart* const corners_;

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 
 #include "direct/testing_scene.h"
@@ -88,6 +89,57 @@ TEST(StartConfirmation, EndsWhileTheOdometryIsLost) {
       Judge([](int i) { return i < 12 ? std::optional<SE3>(testing::SwayPose(i)) : std::nullopt; });
   EXPECT_EQ(judgement.verdict, StartVerdict::kRight);
   EXPECT_EQ(judgement.frames, 30);
+}
+
+// After the start the view turns away for good, and then shifts on as before.
+SE3 TurningAway(int i, int turns_from) {
+  const double turned_rad = 0.1 * std::clamp(i - turns_from, 0, 12);
+  return testing::SwayPose(i) * SE3(ExpSO3(Vector3d(0, -turned_rad, 0)), Vector3d::Zero());
+}
+
+struct SecondLook {
+  StartVerdict first = StartVerdict::kOpen;
+  StartVerdict second = StartVerdict::kOpen;
+};
+
+// `pose`: what an odometry made of the second part, given the truth.
+SecondLook LookTwice(const std::function<SE3(const SE3&)>& pose) {
+  const testing::Scene scene;
+  FeatureStart corners(OdometryOptions(), testing::TestCamera());
+  StartConfirmation confirmation(&corners);
+  SecondLook look;
+  std::vector<std::optional<SE3>> poses;
+  int i = 0;
+  for (; i < kMostFrames && !corners.Add(FrameAt(i)).success; ++i) poses.push_back(testing::SwayPose(i));
+  poses.push_back(testing::SwayPose(i));
+  confirmation.Begin();
+  const int turns_from = i;
+  while (look.first == StartVerdict::kOpen && ++i < kMostFrames) {
+    poses.push_back(TurningAway(i, turns_from));
+    StartResult better;
+    look.first = confirmation.Judge(scene.Render(testing::TestCamera(), *poses.back(), i), true, poses, &better);
+  }
+  corners.Reset();
+  poses.clear();
+  for (; i < 2 * kMostFrames && look.second == StartVerdict::kOpen; ++i) {
+    const SE3 truth = TurningAway(i, turns_from);
+    const StartResult second = corners.Add(scene.Render(testing::TestCamera(), truth, i));
+    if (second.new_reference) poses.clear();
+    poses.push_back(pose(truth));
+    if (second.success) look.second = confirmation.Compare(second, poses);
+  }
+  return look;
+}
+
+TEST(StartConfirmation, AViewThatTurnsAwayProvesNothingAndIsLookedAtAgain) {
+  const SecondLook right = LookTwice([](const SE3& truth) { return truth; });
+  EXPECT_EQ(right.first, StartVerdict::kUnproven);
+  EXPECT_EQ(right.second, StartVerdict::kRight);
+  // An odometry that takes the shift for a turn.
+  const SecondLook wrong = LookTwice([](const SE3& truth) {
+    return SE3(ExpSO3(Vector3d(0, -0.3 * truth.translation().x(), 0)) * truth.rotation(), -truth.translation());
+  });
+  EXPECT_EQ(wrong.second, StartVerdict::kWrong);
 }
 
 }  // namespace
