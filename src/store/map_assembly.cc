@@ -1,6 +1,7 @@
 #include "store/map_assembly.h"
 
 #include <algorithm>
+#include <iterator>
 #include <unordered_map>
 #include <utility>
 
@@ -162,7 +163,9 @@ absl::Status Assembly::LinkPoints() {
                                         focal_px.at(reference.camera), rows_.map_row.info.orb),
                     &point);
   }
-  rows_.content.points.assign(in_order.begin(), in_order.end());
+  rows_.points = {};
+  rows_.anchors = {};
+  rows_.content.points.assign(std::make_move_iterator(in_order.begin()), std::make_move_iterator(in_order.end()));
   return absl::OkStatus();
 }
 
@@ -187,7 +190,8 @@ absl::StatusOr<map::Delta> Assembly::Run() {
   content.next_component = rows_.map_row.next_component;
   if (rows_.format < 4) SetWhatFormat4Added();
   CAIRN_RETURN_IF_ERROR(LinkPoints());
-  content.keyframes.assign(rows_.keyframes.begin(), rows_.keyframes.end());
+  content.keyframes.assign(std::make_move_iterator(rows_.keyframes.begin()),
+                           std::make_move_iterator(rows_.keyframes.end()));
   content.next_keyframe = rows_.map_row.next_keyframe;
   content.next_point = rows_.map_row.next_point;
   if (rows_.map_row.revision > 0) content.base = rows_.map_row.revision - 1;
