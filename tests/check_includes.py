@@ -29,7 +29,7 @@ ALLOWED = {
     'server': ['host', 'wire', 'io'],
     'synth': ['health', 'io'],
     'eval': ['io'],
-    'plot': ['io'],
+    'plot': ['io', 'text'],
     'text': ['base'],
     'inspect': ['tracking', 'store'],
     'exchange': ['io', 'inspect'],

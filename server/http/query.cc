@@ -107,6 +107,10 @@ absl::Status SetFields(const QueryParameters& parameters, absl::string_view take
                        names.empty() ? "nothing is taken" : absl::StrCat("there are ", absl::StrJoin(names, ", "))));
     }
     if (!seen.insert(name).second) return absl::InvalidArgumentError(absl::StrCat("query: `", name, "` is repeated"));
+    // Whoever says both cannot mean both.
+    if (message->GetReflection()->HasField(*message, field)) {
+      return absl::InvalidArgumentError(absl::StrCat("query: `", name, "` is in the body, too"));
+    }
     if (!Set(field, value, message)) {
       return absl::InvalidArgumentError(absl::StrCat("query: `", name, "` cannot be \"", value, "\""));
     }

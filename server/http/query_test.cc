@@ -38,6 +38,10 @@ TEST(Query, SetsFieldsAndRefusesWhatIsNone) {
   EXPECT_THAT(Refusal("max_count=3000000000"), HasSubstr("cannot be"));
   EXPECT_THAT(Refusal("max_count=1&max_count=2"), HasSubstr("repeated"));
   EXPECT_THAT(Refusal("map=other"), HasSubstr("no `map` here"));
+  v1::ReadLogRequest from_body;
+  from_body.set_session(2);
+  EXPECT_THAT(std::string(SetFields(*ParseQuery("session=1"), "map", &from_body).message()), HasSubstr("in the body"));
+  EXPECT_EQ(from_body.session(), 2u);
   v1::ExportMapRequest exported;
   ASSERT_TRUE(SetFields(*ParseQuery("content=CONTENT_POINTS"), "map", &exported).ok());
   EXPECT_EQ(exported.content(), v1::ExportMapRequest::CONTENT_POINTS);

@@ -77,17 +77,23 @@ bool LiesInside(const Pinhole& view, const Camera& camera) {
   return true;
 }
 
-absl::StatusOr<Pinhole> ChooseView(const Camera& camera, double max_half_angle_deg) {
+// `given`: the camera as the caller knows it, for the message.
+absl::StatusOr<Pinhole> ChooseView(const Camera& camera, double max_half_angle_deg, const Camera& given) {
+  // Of the view that the focal length alone would give: no lens takes away more. Distortions that make no sense leave a
+  // few pixels, of which nothing can be made.
+  constexpr double kLeastShare = 0.1;
   Rectangle r = InsideOfBorder(camera, std::tan(max_half_angle_deg * kDegree));
-  if (r.left < 0 && r.right > 0 && r.top < 0 && r.bottom > 0 && camera.width_px > 1 && camera.height_px > 1) {
+  const bool wide = r.right - r.left > kLeastShare * camera.width_px / camera.fx_px &&
+                    r.bottom - r.top > kLeastShare * camera.height_px / camera.fy_px;
+  if (wide && r.left < 0 && r.right > 0 && r.top < 0 && r.bottom > 0 && camera.width_px > 1 && camera.height_px > 1) {
     for (int i = 0; i < 500; ++i) {
       const Pinhole view = ViewOf(r, camera);
       if (LiesInside(view, camera)) return view;
       r.Shrink(i == 0 ? 1.0 - 1e-6 : 0.995);  // at first for rounding alone
     }
   }
-  return absl::FailedPreconditionError(absl::StrCat("no undistorted view without black borders fits into the camera (",
-                                                    camera.Describe(), "); check its calibration"));
+  return absl::InvalidArgumentError(absl::StrCat("no undistorted view without black borders fits into the camera (",
+                                                 given.Describe(), "); check its calibration"));
 }
 
 // The same camera with its image brought to a size to work at. Centres of pixels are at integers.
@@ -143,7 +149,7 @@ absl::StatusOr<Undistorter> Undistorter::Create(const Camera& camera, const Undi
   if (options.target) {
     out.pinhole_ = *options.target;
   } else {
-    CAIRN_ASSIGN_OR_RETURN(out.pinhole_, ChooseView(out.working_, options.max_half_angle_deg));
+    CAIRN_ASSIGN_OR_RETURN(out.pinhole_, ChooseView(out.working_, options.max_half_angle_deg, camera));
   }
   return Guarded([&]() -> absl::StatusOr<Undistorter> {
     out.MakeMaps();

@@ -193,6 +193,14 @@ TEST(Undistorter, WrongInputsAreNamed) {
   Camera aside = Euroc();  // the axis lies outside the image
   aside.cx_px = -100;
   EXPECT_EQ(Undistorter::Create(aside).status().code(), absl::StatusCode::kInvalidArgument);
+  // Distortions that no lens has leave a view of a few pixels, of which nothing could be made.
+  Camera absurd = Euroc();
+  for (const double k1 : {1e4, 1e9, 1e15}) {
+    absurd.distortion = {k1, 0, 0, 0};
+    const absl::Status status = Undistorter::Create(absurd).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << k1 << ": " << status;
+    EXPECT_NE(status.message().find("752x480"), std::string::npos) << status;
+  }
 }
 
 }  // namespace

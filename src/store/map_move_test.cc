@@ -72,6 +72,35 @@ TEST(MapMove, ReadersNotice) {
   EXPECT_EQ(FaultOf(reader->ReadRevision().status()), Fault::kMoved);
 }
 
+// As by cp, which keeps the file's number: SQLite itself goes on with what it has read.
+TEST(MapMove, ReadersNoticeWhatIsWrittenOverTheFile) {
+  const TempFolder folder;
+  const auto write_over = [&](const std::string& bytes) {
+    std::ofstream(folder.File("a.cairn"), std::ios::binary | std::ios::in | std::ios::out | std::ios::trunc) << bytes;
+  };
+  const auto bytes_of = [&](const std::string& name) {
+    std::ifstream file(folder.File(name), std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(file), {});
+  };
+  const Revision revision = WriteMap(folder.File("a.cairn"), 3);
+  WriteMap(folder.File("b.cairn"), 2);
+  const std::string original = bytes_of("a.cairn");
+  for (const std::string& other :
+       {bytes_of("b.cairn"), std::string("this is no map"), std::string(), original.substr(0, original.size() / 2)}) {
+    write_over(original);
+    const auto reader = *OpenMapStore(folder.File("a.cairn"), OpenMode::kRead);
+    ASSERT_TRUE(reader->LoadSnapshot().ok());
+    EXPECT_EQ(*reader->ReadRevision(), revision);
+    write_over(other);
+    EXPECT_EQ(FaultOf(reader->ReadRevision().status()), Fault::kMoved) << other.size() << " bytes";
+  }
+  // One that was only touched is the same map.
+  write_over(original);
+  const auto reader = *OpenMapStore(folder.File("a.cairn"), OpenMode::kRead);
+  write_over(original);
+  EXPECT_EQ(*reader->ReadRevision(), revision);
+}
+
 TEST(MapMove, WhatStandsAgainstIt) {
   const TempFolder folder;
   const Revision revision = WriteMap(folder.File("a.cairn"), 2);

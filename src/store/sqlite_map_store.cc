@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <filesystem>
 #include <utility>
 
 #include "store/delta_reader.h"
@@ -17,6 +18,7 @@
 #include "store/map_reader.h"
 #include "store/migrations.h"
 #include "store/sqlite.h"
+#include "store/sqlite_record.h"
 #include "store/touched_rows.h"
 #include "store/write_ahead_log.h"
 #include "store/writer_lock.h"
@@ -112,14 +114,17 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(con
     CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(path));
     CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
     std::string immutable_stamp;
+    const std::string stamp = FileStamp(resolved);
     const std::string log_damage = WriterLock::IsHeld(resolved) ? "" : KeepDamagedLog(resolved);
     CAIRN_ASSIGN_OR_RETURN(auto database, OpenForReading(resolved, &immutable_stamp));
     CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
     std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
     store->immutable_stamp_ = immutable_stamp;
+    store->known_stamp_ = stamp;
     store->NoteLogDamage(log_damage);
     MapReader reader(store->database_.get(), DamagedBy);
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    store->map_id_ = reader.map_row().info.id;
     store->NoteLeftovers();
     return store;
   }();
@@ -296,8 +301,45 @@ absl::Status SqliteMapStore::CheckStillThere() const {
   return Annotated(MakeFault(Fault::kMoved, "it was removed, moved or replaced since it was opened; open it again"));
 }
 
+namespace {
+
+// A file that is shorter than its header says; SQLite tells only once a page is asked for that is not there.
+bool IsCutOff(Database* database, const std::string& path) {
+  constexpr int kNumPagesAt = 28;  // https://sqlite.org/fileformat2.html#the_database_header
+  const auto header = database->ReadHeader();
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  return !header.ok() || error ||
+         size < std::uintmax_t{BigEndian32(header->data() + kNumPagesAt)} * PageBytesOf(*header);
+}
+
+}  // namespace
+
+absl::Status SqliteMapStore::CheckNotWrittenOver() {
+  const std::string stamp = FileStamp(resolved_);
+  if (writable() || stamp == known_stamp_) return absl::OkStatus();
+  // What is read here must be what somebody reads who opens it now; between the two looks a writer may commit.
+  constexpr int kLooks = 5;
+  for (int look = 0; look < kLooks; ++look) {
+    std::string immutable_stamp;
+    const auto anew = OpenForReading(resolved_, &immutable_stamp);
+    const Fault fault = FaultOf(anew.status());
+    if (fault == Fault::kBusy || fault == Fault::kIo || fault == Fault::kFull) return absl::OkStatus();  // next time
+    const auto id = anew.ok() ? (*anew)->QueryText("SELECT map_id FROM map") : anew.status();
+    if (!id.ok() || *id != map_id_ || IsCutOff(anew->get(), resolved_)) break;
+    const auto there = (*anew)->QueryInt("SELECT revision FROM map");
+    const auto here = database_->QueryInt("SELECT revision FROM map");
+    if (!there.ok() || !here.ok()) break;
+    if (*there != *here) continue;
+    known_stamp_ = stamp;
+    return absl::OkStatus();
+  }
+  return Annotated(MakeFault(Fault::kMoved, "another file was written over it since it was opened; open it again"));
+}
+
 absl::StatusOr<Revision> SqliteMapStore::ReadRevision() {
   CAIRN_RETURN_IF_ERROR(CheckStillThere());
+  CAIRN_RETURN_IF_ERROR(CheckNotWrittenOver());
   const absl::StatusOr<std::int64_t> revision = database_->QueryInt("SELECT revision FROM map");
   if (!revision.ok()) return Annotated(revision.status());
   return static_cast<Revision>(*revision);

@@ -66,6 +66,9 @@ class SqliteMapStore : public MapStore {
   absl::Status CheckInPlace();
   // For readers: fault kMoved if there is another file, or none, where it was opened.
   absl::Status CheckStillThere() const;
+  // kMoved as well if the file has been written by somebody who is no Cairn, as cp onto it: SQLite would go on with
+  // pages that it read before. Costs a look at the file's time, and an opening where that has changed.
+  absl::Status CheckNotWrittenOver();
   // Whether the file on disk is the one of this writer, and not one that was copied over it.
   bool HasOwnContent();
   // What Close() says, and does, if they are not; the log is folded already.
@@ -85,7 +88,10 @@ class SqliteMapStore : public MapStore {
   std::string log_token_;  // of a writer, see write_ahead_log.h
   // The one before, while a reader at work kept the own one from getting into the file.
   std::string previous_log_token_;
-  FileIdentity log_identity_;    // of a writer
+  FileIdentity log_identity_;  // of a writer
+  // Of a reader: the map that was opened, and the stamp of the file when it was known to be that.
+  std::string map_id_;
+  std::string known_stamp_;
   std::string immutable_stamp_;  // not empty: opened on the promise that nobody writes; this tells whether that held
   std::string log_damage_;       // write_ahead_log.h, DamageOfLog
   std::vector<std::string> notes_;

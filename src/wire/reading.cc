@@ -55,6 +55,8 @@ absl::StatusOr<CameraModel> Read(v1::Camera::Model model) {
       return CameraModel::kKannalaBrandt;
     case v1::Camera::MODEL_FOV:
       return CameraModel::kFov;
+    case v1::Camera::MODEL_UNSPECIFIED:
+      return absl::InvalidArgumentError("camera: it is missing, or does not say its model");
     default:
       return absl::InvalidArgumentError(absl::StrCat("camera: there is no model ", static_cast<int>(model)));
   }

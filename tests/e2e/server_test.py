@@ -141,7 +141,7 @@ class ServedMaps(unittest.TestCase):
         nobody = self.ask('ls', server='127.0.0.1:9')
         self.assertEqual(nobody.code, 1)
         self.assertIn('is cairnd running there?', nobody.json['error'])
-        self.assertEqual(self.ask('info', 'office', '--digest').code, 2)
+        self.assertEqual(self.ask('info', 'none', '--digest').code, 1)
         self.assertEqual(cairn('ls').code, 2)
 
     def test_refuses_what_it_should_not_do(self):
