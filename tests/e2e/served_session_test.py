@@ -118,6 +118,7 @@ class ServedSessions(unittest.TestCase):
         self.assertGreaterEqual(after.json['keyframes'], told['keyframes'])
         out, err = client.communicate(timeout=120)
         self.assertEqual(client.returncode, 0, out + err)
+        self.assertGreater(json.loads(out)['frames_before_restart'], 0, 'which have no final pose, and that is said')
         # The client went on by itself, in a further session of the same map.
         info = must('info', self.maps / 'office.cairn')
         self.assertEqual([s['complete'] for s in info['sessions']], [False, True])

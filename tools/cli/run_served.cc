@@ -1,4 +1,5 @@
 // cairn --server HOST:PORT run: maps a sequence into a map of a server, frame by frame.
+#include <algorithm>
 #include <cstdio>
 #include <iostream>
 #include <memory>
@@ -42,7 +43,10 @@ absl::Status WriteTrajectory(const RunOptions& options, const api::SessionSummar
 }
 
 void PrintServedRun(const RunOptions& options, const api::SessionSummary& summary, const io::SourceInfo& info,
-                    const FeedReport& feed, const InterruptWatch& interrupt, std::optional<std::int64_t> live_poses) {
+                    const FeedReport& feed, const InterruptWatch& interrupt, std::optional<std::int64_t> live_poses,
+                    std::int64_t answered) {
+  // A server that was killed began another session with what was not durable: the last one alone has final poses.
+  const std::int64_t before_restart = std::max<std::int64_t>(0, answered - summary.frames);
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}};
     AddFrameAndUnit(summary.world_from_component.has_value(), &json);
@@ -56,6 +60,7 @@ void PrintServedRun(const RunOptions& options, const api::SessionSummary& summar
                  {"loops", summary.loops},
                  {"revision", summary.revision},
                  {"frames_with_final_pose", summary.poses.size()},
+                 {"frames_before_restart", before_restart},
                  {"live_poses", live_poses ? nlohmann::ordered_json(*live_poses) : nullptr}});
     PrintJson(json);
     return;
@@ -67,6 +72,20 @@ void PrintServedRun(const RunOptions& options, const api::SessionSummary& summar
               : summary.result == map::SessionResult::kApart ? "joined to nothing that was there"
                                                              : "made the map");
   PrintFeed(feed, info, summary.frames_tracked, interrupt);
+  if (before_restart > 0) {
+    std::printf(
+        "  the server was started again on the way: %lld frames before that are in the map, but have no final "
+        "pose\n  (--live-poses has what was answered)\n",
+        static_cast<long long>(before_restart));
+  }
+  const auto posed = static_cast<std::int64_t>(summary.poses.size());
+  if (posed < summary.frames_tracked) {
+    std::printf(
+        "  %lld of the frames tracked lie in parts that nothing links to component %u: the trajectory has the "
+        "%lld\n  in that one\n",
+        static_cast<long long>(summary.frames_tracked - posed), summary.component.value(),
+        static_cast<long long>(posed));
+  }
 }
 
 // On the terminal, as soon as it is known.
@@ -96,8 +115,10 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   LivePoseFile live(options.live_poses);
   CAIRN_RETURN_IF_ERROR(live.status());
   api::SessionProgress before;
+  std::int64_t answered = 0;
   const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(const api::SessionAnswer answer, session->AddFrame({frame.image, frame.time_ns}));
+    ++answered;
     if (answer.map_from_camera && live.count()) {
       live.Write(answer.time_ns, {answer.component, *answer.map_from_camera, answer.world_from_component});
     }
@@ -116,7 +137,7 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(const FeedReport feed, FeedSequence(ToFeedSettings(options, "mapping"), source.get(),
                                                              preparation, interrupt, add, finish));
   CAIRN_RETURN_IF_ERROR(WriteTrajectory(options, summary));
-  PrintServedRun(options, summary, source->info(), feed, *interrupt, live.count());
+  PrintServedRun(options, summary, source->info(), feed, *interrupt, live.count(), answered);
   return live.status();
 }
 
