@@ -5,7 +5,6 @@
 #include <utility>
 #include <vector>
 
-#include "client/places_beside.h"
 #include "health/map_vocabulary.h"
 #include "place/vocabulary.h"
 
@@ -85,16 +84,11 @@ class MapReader::File {
     bool all_have_words = true;
     store::LoadOptions load;
     load.feature_budget_bytes = options_.feature_budget_bytes;
-    std::shared_ptr<const map::Snapshot> snapshot;
-    {
-      PlacesBeside beside(&places);
-      load.words = [&](KeyframeId keyframe, const std::vector<std::uint32_t>& words) {
-        all_have_words = all_have_words && !words.empty();
-        return beside.Add(keyframe, words);
-      };
-      CAIRN_ASSIGN_OR_RETURN(snapshot, file_->LoadSnapshot(load));
-      CAIRN_RETURN_IF_ERROR(Annotate(beside.Finish(), file_->uri()));
-    }
+    load.words = [&](KeyframeId keyframe, const std::vector<std::uint32_t>& words) {
+      all_have_words = all_have_words && !words.empty();
+      return places.Add(keyframe, words);
+    };
+    CAIRN_ASSIGN_OR_RETURN(auto snapshot, file_->LoadSnapshot(load));
     auto view = all_have_words ? ViewOf(snapshot, std::move(places)) : tracking::MapView::Create(snapshot, vocabulary_);
     CAIRN_RETURN_IF_ERROR(Annotate(view.status(), file_->uri()));
     view_ = *std::move(view);
