@@ -62,7 +62,7 @@ TEST_F(ServerTlsTest, FilesThatAreNotThereOrSomethingElse) {
   options_.key = File("key.pem", good_.certificate_pem);
   IsRefused(absl::StatusCode::kInvalidArgument, "no private key in it");
   const std::string locked = PemOf([&](BIO* bio) {
-    PEM_write_bio_PrivateKey(bio, good_.key, EVP_aes_256_cbc(), reinterpret_cast<const unsigned char*>("pw"), 2,
+    PEM_write_bio_PrivateKey(bio, good_.key.get(), EVP_aes_256_cbc(), reinterpret_cast<const unsigned char*>("pw"), 2,
                              nullptr, nullptr);
   });
   options_.key = File("key.pem", locked);

@@ -6,6 +6,7 @@
 #include <openssl/x509.h>
 #include <openssl/x509v3.h>
 
+#include <memory>
 #include <string>
 
 namespace cairn::server {
@@ -13,8 +14,8 @@ namespace cairn::server {
 struct TestingCertificate {
   std::string certificate_pem;
   std::string key_pem;
-  EVP_PKEY* key = nullptr;  // never freed: tests end
-  X509* certificate = nullptr;
+  std::shared_ptr<EVP_PKEY> key;
+  std::shared_ptr<X509> certificate;
 };
 
 struct TestingCertificateOptions {
@@ -38,21 +39,22 @@ inline TestingCertificate MakeTestingCertificate(const TestingCertificateOptions
                                                  const TestingCertificate* issuer = nullptr) {
   static long serial = 0;
   TestingCertificate made;
-  made.key = EVP_EC_gen("P-256");
-  made.certificate = X509_new();
-  X509_set_version(made.certificate, 2);
-  ASN1_INTEGER_set(X509_get_serialNumber(made.certificate), ++serial);
-  X509_gmtime_adj(X509_getm_notBefore(made.certificate), options.valid_from_s);
-  X509_gmtime_adj(X509_getm_notAfter(made.certificate), options.valid_until_s);
-  X509_set_pubkey(made.certificate, made.key);
+  made.key.reset(EVP_EC_gen("P-256"), EVP_PKEY_free);
+  made.certificate.reset(X509_new(), X509_free);
+  X509* const certificate = made.certificate.get();
+  X509_set_version(certificate, 2);
+  ASN1_INTEGER_set(X509_get_serialNumber(certificate), ++serial);
+  X509_gmtime_adj(X509_getm_notBefore(certificate), options.valid_from_s);
+  X509_gmtime_adj(X509_getm_notAfter(certificate), options.valid_until_s);
+  X509_set_pubkey(certificate, made.key.get());
   const std::string common_name = options.is_ca ? "Testing CA" : options.name;
-  X509_NAME* subject = X509_get_subject_name(made.certificate);
+  X509_NAME* subject = X509_get_subject_name(certificate);
   X509_NAME_add_entry_by_txt(subject, "CN", MBSTRING_ASC, reinterpret_cast<const unsigned char*>(common_name.c_str()),
                              -1, -1, 0);
-  X509_set_issuer_name(made.certificate, issuer != nullptr ? X509_get_subject_name(issuer->certificate) : subject);
+  X509_set_issuer_name(certificate, issuer != nullptr ? X509_get_subject_name(issuer->certificate.get()) : subject);
   const auto extend = [&](int kind, const std::string& value) {
     X509_EXTENSION* extension = X509V3_EXT_conf_nid(nullptr, nullptr, kind, value.c_str());
-    X509_add_ext(made.certificate, extension, -1);
+    X509_add_ext(certificate, extension, -1);
     X509_EXTENSION_free(extension);
   };
   extend(NID_basic_constraints, options.is_ca ? "critical,CA:TRUE" : "CA:FALSE");
@@ -60,10 +62,10 @@ inline TestingCertificate MakeTestingCertificate(const TestingCertificateOptions
     const bool here = options.name == "localhost";
     extend(NID_subject_alt_name, "DNS:" + options.name + (here ? ",IP:127.0.0.1" : ""));
   }
-  X509_sign(made.certificate, issuer != nullptr ? issuer->key : made.key, EVP_sha256());
-  made.certificate_pem = PemOf([&](BIO* bio) { PEM_write_bio_X509(bio, made.certificate); });
+  X509_sign(certificate, issuer != nullptr ? issuer->key.get() : made.key.get(), EVP_sha256());
+  made.certificate_pem = PemOf([&](BIO* bio) { PEM_write_bio_X509(bio, certificate); });
   made.key_pem =
-      PemOf([&](BIO* bio) { PEM_write_bio_PrivateKey(bio, made.key, nullptr, nullptr, 0, nullptr, nullptr); });
+      PemOf([&](BIO* bio) { PEM_write_bio_PrivateKey(bio, made.key.get(), nullptr, nullptr, 0, nullptr, nullptr); });
   return made;
 }
 
