@@ -28,6 +28,18 @@ using testing::TestInfo;
 using ::testing::UnorderedElementsAre;
 using testing::WriteBytes;
 
+// Commits the start of a map and `keyframes`, one by one; null if one of them cannot be.
+SnapshotPtr GrowIn(MapStore* store, std::uint64_t seed, int keyframes) {
+  MapGrower grower(seed);
+  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
+  for (int i = 0; i <= keyframes; ++i) {
+    const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
+    if (!store->Commit(delta).ok()) return nullptr;
+    map = *map->Apply(delta);
+  }
+  return map;
+}
+
 TEST(SqliteMapCreation, AMapComesIntoBeingWithItsFirstKeyframe) {
   const TempFolder folder;
   const std::string path = folder.File("a.cairn");
@@ -80,13 +92,8 @@ TEST(SqliteMapCreation, TheOldMapStaysUntilTheNewOneIsComplete) {
   const std::string path = folder.File("a.cairn");
   const SnapshotPtr old = MakeMap(path, 4, 3);
   auto store = *CreateMapStore(path, TestInfo(), {.overwrite = true});
-  MapGrower grower(5);
-  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
-  for (int i = 0; i < 4; ++i) {
-    const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
-    ASSERT_TRUE(store->Commit(delta).ok());
-    map = *map->Apply(delta);
-  }
+  const SnapshotPtr map = GrowIn(store.get(), 5, 3);
+  ASSERT_NE(map, nullptr);
   EXPECT_TRUE(SameBits(*LoadMap(path), *old));
   EXPECT_TRUE(SameBits(*LoadMap(path + "-new"), *map));
   EXPECT_EQ(FaultOf(OpenMapStore(path, OpenMode::kWrite).status()), Fault::kBusy);
@@ -103,13 +110,8 @@ TEST(SqliteMapCreation, WhatIsToBeWholeIsThereOnceItIsClosed) {
     for (const bool closes : {false, true}) {
       if (replaces) std::filesystem::copy_file(folder.File("old.cairn"), path);
       auto store = *CreateMapStore(path, TestInfo(), {.overwrite = replaces, .whole = true});
-      MapGrower grower(5);
-      SnapshotPtr map = map::Snapshot::Empty(TestInfo());
-      for (int i = 0; i < 3; ++i) {
-        const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
-        ASSERT_TRUE(store->Commit(delta).ok());
-        map = *map->Apply(delta);
-      }
+      const SnapshotPtr map = GrowIn(store.get(), 5, 2);
+      ASSERT_NE(map, nullptr);
       EXPECT_EQ(std::filesystem::exists(path), replaces);
       if (closes) {
         ASSERT_TRUE(store->Close().ok());
@@ -131,13 +133,7 @@ TEST(SqliteMapCreation, AKilledOverwriteLosesNeither) {
   const SnapshotPtr old = MakeMap(path, 6, 3);
   const pid_t child = InChild([&] {
     auto store = *CreateMapStore(path, TestInfo(), {.overwrite = true});
-    MapGrower grower(7);
-    SnapshotPtr map = map::Snapshot::Empty(TestInfo());
-    for (int i = 0; i < 4; ++i) {
-      const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
-      if (!store->Commit(delta).ok()) return 1;
-      map = *map->Apply(delta);
-    }
+    if (GrowIn(store.get(), 7, 3) == nullptr) return 1;
     kill(getpid(), SIGKILL);
     return 0;
   });
@@ -154,13 +150,8 @@ TEST(SqliteMapCreation, AKilledOverwriteLosesNeither) {
   auto store = *CreateMapStore(path, TestInfo(), {.overwrite = true});
   ASSERT_EQ(store->notes().size(), 1u);
   EXPECT_THAT(store->notes()[0], HasSubstr("will be removed"));
-  MapGrower grower(8);
-  SnapshotPtr map = map::Snapshot::Empty(TestInfo());
-  for (int i = 0; i < 2; ++i) {
-    const map::Delta delta = i == 0 ? grower.Start(map) : grower.AddKeyframe(map);
-    ASSERT_TRUE(store->Commit(delta).ok());
-    map = *map->Apply(delta);
-  }
+  const SnapshotPtr map = GrowIn(store.get(), 8, 1);
+  ASSERT_NE(map, nullptr);
   ASSERT_TRUE(store->Close().ok());
   EXPECT_TRUE(SameBits(*LoadMap(path), *map));
   EXPECT_THAT(folder.Names(), ElementsAre("a.cairn"));
