@@ -1,5 +1,6 @@
 #include "engine/frame_feed.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -13,6 +14,7 @@ absl::Status FrameFeedOptions::Validate() const {
     return absl::InvalidArgumentError(absl::StrCat("the speed of playing is ", realtime_speed,
                                                    " but must be positive, or 0 for as fast as possible"));
   }
+  if (!(stall_s >= 0.0)) return absl::InvalidArgumentError("a stall must last 0 seconds or more");
   return absl::OkStatus();
 }
 
@@ -61,14 +63,20 @@ absl::StatusOr<std::optional<FedFrame>> FrameFeed::Next() {
     lock.unlock();
     return Guarded([&] { return Fetch(); });
   }
+  if (options_.stall_s > 0.0 && given_) {
+    catching_up_ |= std::chrono::duration<double>(Clock::now() - *given_).count() > options_.stall_s;
+  }
   changed_.wait(lock, [&] { return stopped_ || ended_ || !waiting_.empty(); });
   if (stopped_) return std::optional<FedFrame>();
   if (waiting_.empty()) {
     CAIRN_RETURN_IF_ERROR(status_);
     return std::optional<FedFrame>();
   }
+  if (options_.realtime_speed > 0.0 && !catching_up_) ForgetAllButTheLast();
   std::optional<FedFrame> fed(std::move(waiting_.front()));
   waiting_.pop_front();
+  catching_up_ &= !waiting_.empty();
+  given_ = Clock::now();
   changed_.notify_all();
   return fed;
 }
@@ -115,6 +123,19 @@ void FrameFeed::End(const absl::Status& status) {
   changed_.notify_all();
 }
 
+void FrameFeed::ForgetAllButTheLast() {
+  dropped_ += static_cast<std::int64_t>(waiting_.size()) - 1;
+  waiting_.erase(waiting_.begin(), waiting_.end() - 1);
+}
+
+// Whether they will be wanted is known when the next frame is asked for.
+void FrameFeed::KeepWithinBounds() {
+  if (options_.stall_s == 0.0) return ForgetAllButTheLast();
+  const cv::Mat& image = waiting_.back().frame.image;  // all are of one size
+  const std::size_t most = std::max<std::size_t>(1, options_.kept_bytes / (image.total() * image.elemSize()));
+  for (; waiting_.size() > most; ++dropped_) waiting_.pop_front();
+}
+
 void FrameFeed::Work() {
   for (;;) {
     absl::StatusOr<std::optional<FedFrame>> fed = Fetch();
@@ -124,14 +145,12 @@ void FrameFeed::Work() {
       lock.unlock();
       return End(fed.status());
     }
-    if (options_.realtime_speed > 0.0) {
-      dropped_ += static_cast<std::int64_t>(waiting_.size());
-      waiting_.clear();
-    } else {
+    if (options_.realtime_speed == 0.0) {
       changed_.wait(lock, [&] { return stopped_ || waiting_.size() < static_cast<std::size_t>(options_.ahead); });
       if (stopped_) return;
     }
     waiting_.push_back(**std::move(fed));
+    if (options_.realtime_speed > 0.0) KeepWithinBounds();
     changed_.notify_all();
   }
 }

@@ -26,6 +26,10 @@ struct FrameFeedOptions {
   // 0: frames come as fast as they are taken. Otherwise the recording is played at this multiple of its own pace, and a
   // frame that arrives while another one still waits replaces it.
   double realtime_speed = 0.0;
+  // In real time: whoever stays away for longer than this, as he waits for a server to come back, is given every frame
+  // that came meanwhile, as many as fit into `kept_bytes` (the newest). 0: only ever the last one.
+  double stall_s = 0.0;
+  std::size_t kept_bytes = 256u << 20;
 
   absl::Status Validate() const;
 };
@@ -69,6 +73,8 @@ class FrameFeed {
   absl::StatusOr<std::optional<RawFrame>> ReadInOrder();
   void Work();
   void End(const absl::Status& status);
+  void KeepWithinBounds();            // mutex_ held
+  void ForgetAllButTheLast();         // likewise
   void WaitUntilDue(TimeNs time_ns);  // mutex_ not held
 
   const FrameFeedOptions options_;
@@ -83,6 +89,8 @@ class FrameFeed {
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
   std::deque<FedFrame> waiting_;
+  std::optional<Clock::time_point> given_;  // when Next() returned the last frame
+  bool catching_up_ = false;                // after a stall, until nothing waits
   absl::Status status_;
   bool ended_ = false;    // no more will come
   bool stopped_ = false;  // no more is wanted

@@ -8,6 +8,7 @@
 #include <functional>
 #include <future>
 #include <new>
+#include <thread>
 #include <vector>
 
 namespace cairn::engine {
@@ -99,6 +100,41 @@ TEST(FrameFeed, ALiveCameraReplacesTheWaitingFrameAndCountsIt) {
   all_arrived.get_future().wait();
   EXPECT_EQ(TakeAll(feed), std::vector<std::int64_t>{9});
   EXPECT_EQ(feed.dropped(), 9);
+}
+
+TEST(FrameFeed, WhatALiveCameraSawDuringAStallIsGivenAfterIt) {
+  const FramePreparation preparation = MakePreparation();
+  // After the first frame nothing is taken until all have arrived.
+  const auto taken = [&](const FrameFeedOptions& options, std::int64_t* dropped) {
+    std::promise<void> first_taken;
+    std::promise<void> all_arrived;
+    FrameFeed feed(options, preparation,
+                   [&, recording = Recording(10, [&] { all_arrived.set_value(); }), read = 0]() mutable {
+                     if (read++ == 1) first_taken.get_future().wait();
+                     return recording();
+                   });
+    const auto first = feed.Next();
+    EXPECT_TRUE(first.ok() && first->has_value());
+    const auto stalled = std::chrono::steady_clock::now();
+    first_taken.set_value();
+    all_arrived.get_future().wait();
+    while (std::chrono::steady_clock::now() - stalled < std::chrono::milliseconds(20)) std::this_thread::yield();
+    const std::vector<std::int64_t> indices = TakeAll(feed);
+    *dropped = feed.dropped();
+    return indices;
+  };
+  FrameFeedOptions options;
+  options.realtime_speed = 1.0;
+  options.stall_s = 0.01;
+  std::int64_t dropped = 0;
+  EXPECT_EQ(taken(options, &dropped), (std::vector<std::int64_t>{1, 2, 3, 4, 5, 6, 7, 8, 9}));
+  EXPECT_EQ(dropped, 0);
+  options.kept_bytes = std::size_t{3} * 48 * 64 + 1;
+  EXPECT_EQ(taken(options, &dropped), (std::vector<std::int64_t>{7, 8, 9}));
+  EXPECT_EQ(dropped, 6);
+  options.stall_s = 3600.0;  // busy, but there: what it could not take is old
+  EXPECT_EQ(taken(options, &dropped), std::vector<std::int64_t>{9});
+  EXPECT_EQ(dropped, 8);
 }
 
 TEST(FrameFeed, ALiveCameraKeepsThePace) {

@@ -2,11 +2,16 @@
 #include <algorithm>
 #include <cstdio>
 #include <iostream>
+#include <limits>
 #include <memory>
+#include <optional>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "base/guarded.h"
 #include "cli/live_pose_file.h"
+#include "cli/outputs.h"
 #include "cli/run_options.h"
 #include "cli/server_option.h"
 #include "io/trajectory.h"
@@ -14,6 +19,9 @@
 
 namespace cairn::cli {
 namespace {
+
+// A server that takes longer than this for a frame is away rather than slow: the camera's frames wait for it.
+constexpr double kStallS = 0.25;
 
 api::SessionRequest RequestOf(const RunOptions& options, const io::SourceInfo& info) {
   api::SessionRequest request;
@@ -27,24 +35,85 @@ api::SessionRequest RequestOf(const RunOptions& options, const io::SourceInfo& i
   return request;
 }
 
-absl::Status WriteTrajectory(const RunOptions& options, const api::SessionSummary& summary) {
-  if (options.trajectory.empty()) return absl::OkStatus();
-  std::vector<io::StampedPose> poses;
-  for (const api::SessionSummary::Pose& pose : summary.poses) {
-    const auto& world = summary.world_from_component;
-    poses.push_back({pose.time_ns, world ? world->TransformPose(pose.map_from_camera) : pose.map_from_camera});
+// What was answered, frame by frame: all that is known of those whose session did not come to its end.
+class AnsweredPoses {
+ public:
+  void Add(const api::SessionAnswer& answer) {
+    ++answers_;
+    if (answer.map_from_camera) poses_.push_back(answer);
   }
+  std::int64_t answers() const { return answers_; }
+  ComponentId last_component() const { return poses_.empty() ? ComponentId() : poses_.back().component; }
+
+  // In `component` and, if given, the world, of frames before `before_ns`.
+  std::vector<io::StampedPose> In(ComponentId component, const std::optional<Sim3>& world_from_component,
+                                  TimeNs before_ns) const {
+    std::vector<io::StampedPose> poses;
+    for (const api::SessionAnswer& answer : poses_) {
+      if (answer.component != component || answer.time_ns >= before_ns) continue;
+      // Frames that were sent again were answered again.
+      if (!poses.empty() && answer.time_ns <= poses.back().time_ns) continue;
+      poses.push_back({answer.time_ns, world_from_component
+                                           ? world_from_component->TransformPose(*answer.map_from_camera)
+                                           : *answer.map_from_camera});
+    }
+    return poses;
+  }
+  // Of a session that failed: where it was last, in the frame of the last answer.
+  std::vector<io::StampedPose> Last() const {
+    if (poses_.empty()) return {};
+    return In(last_component(), poses_.back().world_from_component, std::numeric_limits<TimeNs>::max());
+  }
+  bool last_in_world() const { return !poses_.empty() && poses_.back().world_from_component.has_value(); }
+
+ private:
+  std::vector<api::SessionAnswer> poses_;
+  std::int64_t answers_ = 0;
+};
+
+absl::Status WriteTrajectory(const RunOptions& options, const std::vector<io::StampedPose>& poses,
+                             ComponentId component, bool in_world, const std::string& note) {
+  if (options.trajectory.empty()) return absl::OkStatus();
   io::TrajectoryWriteOptions write;
   write.overwrite = options.overwrite;
-  write.comment =
-      absl::StrCat("t tx ty tz qx qy qz qw: ", summary.world_from_component ? "world" : "map", "_from_camera, map ",
-                   options.map, " of a server, component ", summary.component.value(), " revision ", summary.revision);
+  write.comment = absl::StrCat("t tx ty tz qx qy qz qw: ", in_world ? "world" : "map", "_from_camera, map ",
+                               options.map, " of a server, component ", component.value(), note);
   return io::WriteTumTrajectory(options.trajectory, poses, write);
+}
+
+struct ServedTrajectory {
+  std::vector<io::StampedPose> poses;
+  std::int64_t as_answered = 0;  // of them, of before the server was started again
+};
+
+ServedTrajectory TrajectoryOf(const api::SessionSummary& summary, const AnsweredPoses& answered) {
+  ServedTrajectory trajectory;
+  const auto& world = summary.world_from_component;
+  if (!summary.poses.empty()) {
+    trajectory.poses = answered.In(summary.component, world, summary.poses.front().time_ns);
+  }
+  if (answered.answers() <= summary.frames) trajectory.poses.clear();  // one session: it knows best
+  trajectory.as_answered = static_cast<std::int64_t>(trajectory.poses.size());
+  for (const api::SessionSummary::Pose& pose : summary.poses) {
+    trajectory.poses.push_back(
+        {pose.time_ns, world ? world->TransformPose(pose.map_from_camera) : pose.map_from_camera});
+  }
+  return trajectory;
+}
+
+absl::Status WriteTrajectory(const RunOptions& options, const api::SessionSummary& summary,
+                             const ServedTrajectory& trajectory) {
+  std::string note = absl::StrCat(" revision ", summary.revision);
+  if (trajectory.as_answered > 0) {
+    absl::StrAppend(&note, "; the first ", trajectory.as_answered,
+                    " poses are those answered live, before the server was started again");
+  }
+  return WriteTrajectory(options, trajectory.poses, summary.component, summary.world_from_component.has_value(), note);
 }
 
 void PrintServedRun(const RunOptions& options, const api::SessionSummary& summary, const io::SourceInfo& info,
                     const FeedReport& feed, const InterruptWatch& interrupt, std::optional<std::int64_t> live_poses,
-                    std::int64_t answered) {
+                    std::int64_t answered, const ServedTrajectory& trajectory) {
   // A server that was killed began another session with what was not durable: the last one alone has final poses.
   const std::int64_t before_restart = std::max<std::int64_t>(0, answered - summary.frames);
   if (options.json) {
@@ -61,6 +130,7 @@ void PrintServedRun(const RunOptions& options, const api::SessionSummary& summar
                  {"revision", summary.revision},
                  {"frames_with_final_pose", summary.poses.size()},
                  {"frames_before_restart", before_restart},
+                 {"poses_as_answered", trajectory.as_answered},
                  {"live_poses", live_poses ? nlohmann::ordered_json(*live_poses) : nullptr}});
     PrintJson(json);
     return;
@@ -74,9 +144,11 @@ void PrintServedRun(const RunOptions& options, const api::SessionSummary& summar
   PrintFeed(feed, info, summary.frames_tracked, interrupt);
   if (before_restart > 0) {
     std::printf(
-        "  the server was started again on the way: %lld frames before that are in the map, but have no final "
-        "pose\n  (--live-poses has what was answered)\n",
+        "  the server was started again on the way: %lld frames before that are in the map, but have no final pose\n",
         static_cast<long long>(before_restart));
+    std::printf(
+        "  (the trajectory has %lld of those answered live, as they are in component %u; --live-poses has all)\n",
+        static_cast<long long>(trajectory.as_answered), summary.component.value());
   }
   const auto posed = static_cast<std::int64_t>(summary.poses.size());
   if (posed < summary.frames_tracked) {
@@ -115,10 +187,10 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   LivePoseFile live(options.live_poses);
   CAIRN_RETURN_IF_ERROR(live.status());
   api::SessionProgress before;
-  std::int64_t answered = 0;
+  AnsweredPoses answered;
   const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(const api::SessionAnswer answer, session->AddFrame({frame.image, frame.time_ns}));
-    ++answered;
+    answered.Add(answer);
     if (answer.map_from_camera && live.count()) {
       live.Write(answer.time_ns, {answer.component, *answer.map_from_camera, answer.world_from_component});
     }
@@ -134,10 +206,18 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
     if (!options.json) SayWhere(session->progress(), before, source->info().first_time_ns);
     return absl::OkStatus();
   };
-  CAIRN_ASSIGN_OR_RETURN(const FeedReport feed, FeedSequence(ToFeedSettings(options, "mapping"), source.get(),
-                                                             preparation, interrupt, add, finish));
-  CAIRN_RETURN_IF_ERROR(WriteTrajectory(options, summary));
-  PrintServedRun(options, summary, source->info(), feed, *interrupt, live.count(), answered);
+  FeedSettings settings = ToFeedSettings(options, "mapping");
+  settings.feed.stall_s = kStallS;
+  const absl::StatusOr<FeedReport> feed = FeedSequence(settings, source.get(), preparation, interrupt, add, finish);
+  if (!feed.ok()) {
+    return AfterError(feed.status(), {options.trajectory}, Guarded([&] {
+                        return WriteTrajectory(options, answered.Last(), answered.last_component(),
+                                               answered.last_in_world(), "; as answered, the session did not end well");
+                      }));
+  }
+  const ServedTrajectory trajectory = TrajectoryOf(summary, answered);
+  CAIRN_RETURN_IF_ERROR(WriteTrajectory(options, summary, trajectory));
+  PrintServedRun(options, summary, source->info(), *feed, *interrupt, live.count(), answered.answers(), trajectory);
   return live.status();
 }
 
