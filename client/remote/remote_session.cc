@@ -149,6 +149,7 @@ absl::StatusOr<api::SessionAnswer> RemoteSession::AddFrame(const api::SessionFra
     v1::RunSessionRequest request;
     request.mutable_frame()->set_time_ns(frame.time_ns);
     wire::ToProto(frame.image, request.mutable_frame()->mutable_image());
+    request.mutable_frame()->set_dropped_before(frame.dropped_before);
     v1::RunSessionResponse response;
     bool sent_before = false;
     CAIRN_RETURN_IF_ERROR(Persist([&] {

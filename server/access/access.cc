@@ -79,6 +79,8 @@ absl::StatusOr<Client> Access::Identify(const Caller& caller) {
   return client;
 }
 
+absl::Status Access::Ready() { return tokens_ == nullptr ? absl::OkStatus() : tokens_->Find("").status(); }
+
 absl::Status Access::Require(const Client& client, Right right, const std::string& map) {
   if (tokens_ == nullptr) return absl::OkStatus();
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const Token> token, tokens_->Find(client.token_hash));

@@ -41,6 +41,9 @@ class Access {
   // whether there is such a map or not, for one that may not. `map`: "*" for all that there are.
   absl::Status Require(const Client& client, Right right, const std::string& map);
 
+  // Unavailable if nobody gets in, as the tokens cannot be read.
+  absl::Status Ready();
+
   ClientLimits& limits() { return limits_; }
 
   // One line in the audit log. `outcome`: how the change went; one that was refused is written down, too.

@@ -228,6 +228,12 @@ TEST_F(AccessTest, ToExtendTakesMoreThanToRead) {
   EXPECT_TRUE(As(robot_).ResumeSession("office").ok());
 }
 
+TEST_F(AccessTest, IsNotReadyWhileNobodyGetsIn) {
+  EXPECT_TRUE(access_->Ready().ok());
+  std::ofstream(options_.tokens) << "{ no tokens";
+  EXPECT_EQ(access_->Ready().code(), absl::StatusCode::kUnavailable);
+}
+
 TEST_F(AccessTest, ARevokedTokenEndsWhatItBegan) {
   const auto session = *As(robot_).StartSession(Request("office"));
   const auto tracker = *As(robot_).NewTracker("office", {});

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <filesystem>
 #include <optional>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/escaping.h"
@@ -71,11 +72,25 @@ void RecordAbandoned(const host::SessionTable::Abandoned& session, Access* acces
   access->Record(client, {"session_abandoned", session.session.map, details}, session.finished);
 }
 
+// A server that was just killed holds its ports until the system has taken it apart.
+template <class Start>
+auto OncePortIsFree(const Start& start) {
+  constexpr std::chrono::milliseconds kPatience(1000), kPause(50);
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  auto started = start();
+  while (absl::IsUnavailable(started.status()) && std::chrono::steady_clock::now() < until) {
+    std::this_thread::sleep_for(kPause);
+    started = start();
+  }
+  return started;
+}
+
 ServerState StateOf(host::MapHost& maps) {
   ServerState state;
   for (const host::MapHost::OpenMap& map : maps.OpenMaps()) {
-    state.open_maps.push_back({map.name, map.revision, map.bytes, map.writing});
+    state.open_maps.push_back({map.name, map.revision, map.bytes, map.writing, map.log_bytes});
   }
+  state.free_bytes = maps.FreeBytes();
   state.active_sessions = maps.ActiveSessions();
   state.waiting = maps.waiting();
   state.followers = maps.followers();
@@ -147,19 +162,22 @@ absl::Status Daemon::Listen(const DaemonOptions& options) {
   context.status = metrics_.get();
   CAIRN_ASSIGN_OR_RETURN(const std::optional<ServerTls> tls, TlsOf(options.tls));
   if (!options.no_http) {
-    const HttpHooks hooks{[maps = maps_.get()] { return maps->Ready(); }, [this] { return metrics_->Text(); },
-                          options.geopose_map};
+    const HttpHooks hooks{[this]() -> absl::Status {
+                            CAIRN_RETURN_IF_ERROR(maps_->Ready());
+                            return access_->Ready();
+                          },
+                          [this] { return metrics_->Text(); }, options.geopose_map};
     http_api_ = std::make_unique<HttpApi>(context, hooks, options.cors);
     HttpServerOptions http = options.http;
     http.tls = tls;
     http.gate = [api = http_api_.get()](const HttpRequest& request) { return api->Refusal(request); };
     const auto handle = [api = http_api_.get()](const HttpRequest& request) { return api->Handle(request); };
-    CAIRN_ASSIGN_OR_RETURN(http_, HttpServer::Start(http, handle));
+    CAIRN_ASSIGN_OR_RETURN(http_, OncePortIsFree([&] { return HttpServer::Start(http, handle); }));
     http_address_ = Bound(options.http.address, http_->port());
   }
   GrpcServerOptions grpc = options.grpc;
   grpc.tls = tls;
-  CAIRN_ASSIGN_OR_RETURN(grpc_, GrpcServer::Start(grpc, context));
+  CAIRN_ASSIGN_OR_RETURN(grpc_, OncePortIsFree([&] { return GrpcServer::Start(grpc, context); }));
   grpc_address_ = Bound(options.grpc.address, grpc_->port());
   return absl::OkStatus();
 }

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <future>
+
 namespace cairn::server {
 namespace {
 
@@ -46,6 +48,18 @@ TEST(Daemon, SaysWhereItListensAndThatAnAddressIsTaken) {
   EXPECT_EQ(Daemon::Start(taken).status().code(), absl::StatusCode::kUnavailable);
   (*daemon)->Stop(std::chrono::seconds(1));
   EXPECT_TRUE(Daemon::Start(taken).ok()) << "free again";
+}
+
+TEST(Daemon, WaitsForPortsThatAreAboutToBeFree) {
+  auto first = Daemon::Start(Options());
+  ASSERT_TRUE(first.ok()) << first.status();
+  DaemonOptions same = Options();
+  same.grpc.address = (*first)->grpc_address();
+  same.http.address = (*first)->http_address();
+  auto next = std::async(std::launch::async, [&] { return Daemon::Start(same); });
+  first->reset();
+  const auto started = next.get();
+  EXPECT_TRUE(started.ok()) << started.status();
 }
 
 TEST(Daemon, ErrorsOfOptions) {

@@ -275,11 +275,13 @@ const std::string& HttpApi::OpenApi() {
 }
 
 HttpResponse ErrorResponse(const absl::Status& status, absl::string_view request_id) {
+  // It may quote what the client sent, whatever its length.
+  constexpr std::size_t kMaxMessage = 1000;
+  std::string message(status.message().substr(0, kMaxMessage));
+  if (message.size() < status.message().size()) absl::StrAppend(&message, "... (cut)");
   const wire::ErrorKind& kind = wire::KindOf(status);
-  const nlohmann::ordered_json json = {{"error",
-                                        {{"reason", std::string(kind.reason)},
-                                         {"message", std::string(status.message())},
-                                         {"request_id", std::string(request_id)}}}};
+  const nlohmann::ordered_json json = {
+      {"error", {{"reason", std::string(kind.reason)}, {"message", message}, {"request_id", std::string(request_id)}}}};
   HttpResponse response{kind.http_status, "application/json",
                         json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
   if (absl::IsUnauthenticated(status)) response.headers.emplace_back("WWW-Authenticate", "Bearer");

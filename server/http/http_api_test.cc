@@ -154,6 +154,9 @@ TEST_F(HttpApiTest, ListsAndDescribesMaps) {
   EXPECT_EQ(ReasonOf(missing), "map_not_found");
   EXPECT_FALSE(json::parse(missing.body)["error"]["request_id"].get<std::string>().empty());
   EXPECT_EQ(Get("/v1/maps/..").status, 400);
+  const HttpResponse echo = ErrorResponse(absl::InvalidArgumentError(std::string(100'000, 'x')), "id");
+  EXPECT_EQ(echo.status, 400);
+  EXPECT_LT(echo.body.size(), 2000u) << "a client gets back no more than it can read";
 }
 
 TEST_F(HttpApiTest, HealthReadinessAndMetrics) {

@@ -44,8 +44,14 @@ TEST(Form, WhatIsNoneIsRefusedWhereverItEnds) {
   std::string nameless = kBody;
   nameless.replace(nameless.find("name=\"image\""), 12, "nome=\"image\"");
   EXPECT_FALSE(ParseForm(kType, nameless).ok());
+  EXPECT_THAT(
+      std::string(ParseForm(kType, "------x42\r\nContent-Disposition: form-data; name=image\r\n\r\nx\r\n" + kBody)
+                      .status()
+                      .message()),
+      testing::HasSubstr("more than one \"image\""));
   std::string many;
-  for (int i = 0; i < 40; ++i) many += "------x42\r\nContent-Disposition: form-data; name=a\r\n\r\n\r\n";
+  for (int i = 0; i < 40; ++i)
+    many += "------x42\r\nContent-Disposition: form-data; name=a" + std::to_string(i) + "\r\n\r\n\r\n";
   EXPECT_THAT(std::string(ParseForm(kType, many + "------x42--").status().message()), testing::HasSubstr("too many"));
 }
 

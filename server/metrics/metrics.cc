@@ -125,6 +125,11 @@ struct Metrics::Families {
                                              .Help("From a frame of a session to its pose")
                                              .Register(registry)
                                              .Add({}, kSeconds);
+  prometheus::Counter& dropped = prometheus::BuildCounter()
+                                     .Name("cairn_session_frames_dropped_total")
+                                     .Help("Frames that clients of sessions let go, as they could not be sent in time")
+                                     .Register(registry)
+                                     .Add({});
   prometheus::Family<prometheus::Counter>& tracked = prometheus::BuildCounter()
                                                          .Name("cairn_track_frames_total")
                                                          .Help("Frames tracked for clients, by what came of them")
@@ -155,6 +160,11 @@ struct Metrics::Families {
                                      .Help("Clients that keep a copy of a map and follow it")
                                      .Register(registry)
                                      .Add({});
+  prometheus::Gauge& free_bytes = prometheus::BuildGauge()
+                                      .Name("cairn_maps_free_bytes")
+                                      .Help("Room on the disk of the maps")
+                                      .Register(registry)
+                                      .Add({});
   prometheus::Gauge& resident = prometheus::BuildGauge()
                                     .Name("process_resident_memory_bytes")
                                     .Help("Memory of the process")
@@ -199,6 +209,8 @@ void Metrics::OnSessionFrame(absl::string_view state, double seconds) {
   families_->frame_seconds.Observe(seconds);
 }
 
+void Metrics::OnFramesDropped(std::int64_t count) { families_->dropped.Increment(static_cast<double>(count)); }
+
 api::ServerStatus Metrics::Status() {
   const ServerState state = state_();
   api::ServerStatus status;
@@ -225,7 +237,12 @@ std::string Metrics::Text() {
   prometheus::Registry maps;  // anew with each look: only maps that are open have a line
   auto& revisions =
       prometheus::BuildGauge().Name("cairn_map_revision").Help("Newest revision of an open map").Register(maps);
+  auto& logs = prometheus::BuildGauge()
+                   .Name("cairn_map_log_bytes")
+                   .Help("Write-ahead log of an open map, on the disk")
+                   .Register(maps);
   for (const ServerState::Map& map : state.open_maps) {
+    logs.Add({{"map", map.name}}).Set(static_cast<double>(map.log_bytes));
     bytes += static_cast<double>(map.bytes);
     revisions.Add({{"map", map.name}}).Set(static_cast<double>(map.revision));
   }
@@ -235,6 +252,7 @@ std::string Metrics::Text() {
   families_->sessions.Add({{"client", "gone"}}).Set(state.sessions_waiting);
   families_->waiting.Set(static_cast<double>(state.waiting));
   families_->followers.Set(static_cast<double>(state.followers));
+  families_->free_bytes.Set(static_cast<double>(state.free_bytes));
   families_->resident.Set(ResidentBytes());
   std::vector<prometheus::MetricFamily> collected = families_->registry.Collect();
   std::vector<prometheus::MetricFamily> of_maps = maps.Collect();

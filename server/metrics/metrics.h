@@ -17,10 +17,12 @@ struct ServerState {
   struct Map {
     std::string name;
     Revision revision = 0;
-    std::int64_t bytes = 0;  // in memory, roughly
-    bool writing = false;    // sessions are extending it
+    std::int64_t bytes = 0;      // in memory, roughly
+    bool writing = false;        // sessions are extending it
+    std::int64_t log_bytes = 0;  // its write-ahead log on the disk
   };
-  std::vector<Map> open_maps;  // by name
+  std::vector<Map> open_maps;   // by name
+  std::int64_t free_bytes = 0;  // on the disk of the maps
   std::vector<api::ActiveSession> active_sessions;
   std::int64_t waiting = 0;  // images that wait to be located
   int followers = 0;         // clients that keep a copy of a map
@@ -37,6 +39,7 @@ class Metrics : public CallObserver, public StatusSource {
   void OnLocalized(const api::LocalizeAnswer& answer) override;
   void OnTracked(const api::TrackAnswer* answer) override;
   void OnSessionFrame(absl::string_view state, double seconds) override;
+  void OnFramesDropped(std::int64_t count) override;
 
   api::ServerStatus Status() override;
   // In Prometheus' text format, version 0.0.4.

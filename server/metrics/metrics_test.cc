@@ -11,7 +11,8 @@ using testing::Not;
 
 TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   ServerState state;
-  state.open_maps = {{"office", 7, 1000}, {"hall", 9, 500}};
+  state.open_maps = {{"office", 7, 1000, true, 4096}, {"hall", 9, 500}};
+  state.free_bytes = 12345;
   state.waiting = 3;
   state.followers = 2;
   state.sessions = 2;
@@ -25,6 +26,7 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   answer.localized = true;
   metrics.OnLocalized(answer);
   metrics.OnSessionFrame("good", 0.0005);
+  metrics.OnFramesDropped(3);
   api::TrackAnswer tracked;
   tracked.state = api::TrackState::kCarried;
   metrics.OnTracked(&tracked);
@@ -39,6 +41,9 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   EXPECT_THAT(text, HasSubstr("cairn_open_maps 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_open_maps_bytes 1500\n"));
   EXPECT_THAT(text, HasSubstr("cairn_localize_waiting 3\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_session_frames_dropped_total 3\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_map_log_bytes{map=\"office\"} 4096\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_maps_free_bytes 12345\n"));
   EXPECT_THAT(text, HasSubstr("cairn_followers 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_sessions{client=\"here\"} 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_track_frames_total{state=\"carried\"} 1\n"));

@@ -9,6 +9,7 @@
 #include <cairn/v1/sessions.pb.h>
 #include <cairn/v1/status.pb.h>
 
+#include <atomic>
 #include <functional>
 
 #include "absl/strings/string_view.h"
@@ -34,6 +35,8 @@ class CallObserver {
   virtual void OnTracked(const api::TrackAnswer* answer) = 0;  // null: the frame could not be used
   // `state`: of api::SessionStateName(), or "refused".
   virtual void OnSessionFrame(absl::string_view state, double seconds) = 0;
+  // Of a session, by its client, who could not wait.
+  virtual void OnFramesDropped(std::int64_t count) = 0;
 };
 
 // Who knows how the server is doing. From any thread.
@@ -48,10 +51,11 @@ class StatusSource {
 struct CallContext {
   api::MapService* maps = nullptr;
   ImageLimits images;
-  CallObserver* observer = nullptr;  // null: nobody
-  Access* access = nullptr;          // null: everyone may do everything
-  const Client* client = nullptr;    // of one call: who asks
-  StatusSource* status = nullptr;    // null: nobody
+  CallObserver* observer = nullptr;               // null: nobody
+  Access* access = nullptr;                       // null: everyone may do everything
+  const Client* client = nullptr;                 // of one call: who asks
+  StatusSource* status = nullptr;                 // null: nobody
+  std::atomic<std::int64_t>* received = nullptr;  // of one call: bytes that came in it; null: nobody counts
 };
 
 absl::Status ListMaps(const CallContext& context, const v1::ListMapsRequest& request, v1::ListMapsResponse* response);

@@ -89,7 +89,10 @@ class SessionCall {
     const v1::SessionFrame& frame = request_.frame();
     // The camera is the one that the session was started with; a resumed one's is not sent again.
     CAIRN_ASSIGN_OR_RETURN(const cv::Mat gray, GrayImageOf(frame.image(), session_->camera(), context_.images));
-    return session_->AddFrame({gray, frame.time_ns()});
+    if (frame.dropped_before() > 0 && context_.observer != nullptr) {
+      context_.observer->OnFramesDropped(frame.dropped_before());
+    }
+    return session_->AddFrame({gray, frame.time_ns(), frame.dropped_before()});
   }
 
   absl::Status Finish() {

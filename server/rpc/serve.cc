@@ -60,16 +60,17 @@ absl::StatusOr<std::unique_ptr<AdmittedCall>> AdmittedCall::Begin(const CallCont
 }
 
 void CountReceived(const CallContext& context, std::int64_t bytes) {
+  if (context.received != nullptr) *context.received += bytes;
   if (context.access == nullptr || context.client == nullptr || context.client->limited_as.empty()) return;
   context.access->limits().ChargeAndWait(context.client->limited_as, bytes);
 }
 
-void Note(const CallContext& context, const Caller& caller, const Client& client, absl::string_view call,
-          const Served& served, double seconds) {
+void Note(const CallContext& context, const Client& client, absl::string_view call, const Served& served,
+          double seconds, std::int64_t received_bytes) {
   const wire::ErrorKind& kind = wire::KindOf(served.status);
   if (context.observer != nullptr) context.observer->OnCall(call, kind.reason, seconds);
   if (context.access != nullptr) {
-    context.access->RecordRequest(client, std::string(call), served.status, seconds, caller.bytes);
+    context.access->RecordRequest(client, std::string(call), served.status, seconds, received_bytes);
   }
   if (served.status.ok()) return;
   // What a client wrote may be quoted in it: one line of readable text, whatever that was.

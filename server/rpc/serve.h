@@ -2,7 +2,9 @@
 // found out and what they may do, nothing is thrown out of it, and somebody may watch.
 #pragma once
 
+#include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <utility>
@@ -47,23 +49,26 @@ class AdmittedCall {
 void CountReceived(const CallContext& context, std::int64_t bytes);
 
 // Errors go to the log, all of it to who watches.
-void Note(const CallContext& context, const Caller& caller, const Client& client, absl::string_view call,
-          const Served& served, double seconds);
+void Note(const CallContext& context, const Client& client, absl::string_view call, const Served& served,
+          double seconds, std::int64_t received_bytes);
 
 // `function` gets the context of the call.
 template <class Function>
 Served Serve(const CallContext& server, const Caller& caller, absl::string_view call, Function&& function) {
   const auto start = std::chrono::steady_clock::now();
   Served served{absl::OkStatus(), RequestIdOf(caller)};
+  std::atomic<std::int64_t> received = caller.bytes;
   Client client{.peer = caller.peer, .request_id = served.request_id};
   served.status = Guarded([&]() -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<AdmittedCall> admitted,
                            AdmittedCall::Begin(server, caller, served.request_id));
     client = admitted->client();
-    return function(admitted->context());
+    CallContext context = admitted->context();
+    context.received = &received;
+    return function(context);
   });
-  Note(server, caller, client, call, served,
-       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  Note(server, client, call, served, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(),
+       received);
   return served;
 }
 

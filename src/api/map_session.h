@@ -29,8 +29,9 @@ struct SessionRequest {
 };
 
 struct SessionFrame {
-  cv::Mat image;       // CV_8UC1, raw as the camera gives it
-  TimeNs time_ns = 0;  // later than the frame's before
+  cv::Mat image;                     // CV_8UC1, raw as the camera gives it
+  TimeNs time_ns = 0;                // later than the frame's before
+  std::uint32_t dropped_before = 0;  // frames that the camera gave since the one before and nobody could take
 };
 
 enum class SessionState { kInitializing, kGood, kPoor, kLost };

@@ -75,6 +75,7 @@ absl::StatusOr<std::optional<FedFrame>> FrameFeed::Next() {
   if (options_.realtime_speed > 0.0 && !catching_up_) ForgetAllButTheLast();
   std::optional<FedFrame> fed(std::move(waiting_.front()));
   waiting_.pop_front();
+  fed->dropped_before = dropped_ - std::exchange(dropped_told_, dropped_);
   catching_up_ &= !waiting_.empty();
   given_ = Clock::now();
   changed_.notify_all();

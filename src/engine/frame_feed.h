@@ -38,6 +38,7 @@ struct FedFrame {
   direct::Frame frame;
   std::chrono::steady_clock::time_point arrival;  // when it had been read; in real time not before it was due
   float prepare_ms = 0.0f;
+  std::int64_t dropped_before = 0;  // frames that were replaced since the one that was taken before
 };
 
 class FrameFeed {
@@ -95,6 +96,7 @@ class FrameFeed {
   bool ended_ = false;    // no more will come
   bool stopped_ = false;  // no more is wanted
   std::int64_t dropped_ = 0;
+  std::int64_t dropped_told_ = 0;
   std::int64_t refused_ = 0;
   absl::Status first_refusal_;
   std::thread thread_;

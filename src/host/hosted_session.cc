@@ -5,6 +5,7 @@
 
 #include "base/guarded.h"
 #include "client/query_image.h"
+#include "host/told.h"
 
 namespace cairn::host {
 namespace {
@@ -36,9 +37,11 @@ engine::SessionSource SourceOf(const api::SessionRequest& request) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<HostedSession>> HostedSession::Start(const api::SessionRequest& request,
-                                                                    std::shared_ptr<engine::LiveMap> map) {
+                                                                    std::shared_ptr<engine::LiveMap> map,
+                                                                    const std::string& directory) {
   auto session = std::unique_ptr<HostedSession>(new HostedSession(std::move(map)));
   session->changes_ = session->map_->Subscribe();
+  session->directory_ = directory;
   session->map_name_ = request.map;
   session->camera_ = request.camera;
   CAIRN_ASSIGN_OR_RETURN(session->session_,
@@ -71,6 +74,18 @@ void HostedSession::Look() {
 }
 
 absl::StatusOr<api::SessionAnswer> HostedSession::AddFrame(const api::SessionFrame& frame) {
+  absl::StatusOr<api::SessionAnswer> answer = Track(frame);
+  if (!answer.ok()) return WithoutDirectory(answer.status(), directory_);
+  return answer;
+}
+
+absl::StatusOr<api::SessionSummary> HostedSession::Finish() {
+  absl::StatusOr<api::SessionSummary> summary = End();
+  if (!summary.ok()) return WithoutDirectory(summary.status(), directory_);
+  return summary;
+}
+
+absl::StatusOr<api::SessionAnswer> HostedSession::Track(const api::SessionFrame& frame) {
   CAIRN_RETURN_IF_ERROR(client::CheckImage(frame.image, camera_, "session"));
   CAIRN_RETURN_IF_ERROR(Annotate(times_.Accept(frame.time_ns), "session"));
   engine::RawFrame raw;
@@ -93,7 +108,7 @@ absl::StatusOr<api::SessionAnswer> HostedSession::AddFrame(const api::SessionFra
   return answer;
 }
 
-absl::StatusOr<api::SessionSummary> HostedSession::Finish() {
+absl::StatusOr<api::SessionSummary> HostedSession::End() {
   CAIRN_ASSIGN_OR_RETURN(const engine::SessionReport report, session_->Finish());
   Look();
   const std::shared_ptr<const map::Snapshot> map = map_->Published()->snapshot();

@@ -17,9 +17,10 @@ namespace cairn::host {
 // By one thread at a time.
 class HostedSession {
  public:
-  // Errors as of engine::Session::Create.
+  // Errors as of engine::Session::Create. `directory`: of the maps, which errors do not name.
   static absl::StatusOr<std::unique_ptr<HostedSession>> Start(const api::SessionRequest& request,
-                                                              std::shared_ptr<engine::LiveMap> map);
+                                                              std::shared_ptr<engine::LiveMap> map,
+                                                              const std::string& directory);
 
   // As those of api::MapSession.
   absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame);
@@ -31,11 +32,14 @@ class HostedSession {
 
  private:
   explicit HostedSession(std::shared_ptr<engine::LiveMap> map) : map_(std::move(map)) {}
+  absl::StatusOr<api::SessionAnswer> Track(const api::SessionFrame& frame);
+  absl::StatusOr<api::SessionSummary> End();
   void Look();
 
   const std::shared_ptr<engine::LiveMap> map_;  // outlives the session
   std::shared_ptr<engine::Subscription> changes_;
   std::unique_ptr<engine::Session> session_;
+  std::string directory_;  // not named in errors
   std::string map_name_;
   Camera camera_;
   FrameTimes times_;

@@ -7,13 +7,13 @@
 #include <utility>
 
 #include "absl/strings/match.h"
-#include "absl/strings/str_replace.h"
 #include "absl/strings/strip.h"
 #include "base/guarded.h"
 #include "base/version.h"
 #include "client/local_tracker.h"
 #include "client/view_feed.h"
 #include "host/describe.h"
+#include "host/told.h"
 #include "place/default_vocabulary.h"
 #include "store/map_store.h"
 
@@ -214,9 +214,18 @@ std::vector<MapHost::OpenMap> MapHost::OpenMaps() {
     if (!lock || slot->map == nullptr) continue;
     Measure(name, slot.get());
     const std::shared_ptr<const tracking::MapView> known = slot->map->Known();
-    open.push_back({name, known != nullptr ? known->revision() : 0, slot->bytes, slot->map->writing()});
+    std::error_code error;
+    const std::uintmax_t log_bytes = std::filesystem::file_size(FileOf(name) + "-wal", error);
+    open.push_back({name, known != nullptr ? known->revision() : 0, slot->bytes, slot->map->writing(),
+                    error ? 0 : static_cast<std::int64_t>(log_bytes)});
   }
   return open;
+}
+
+std::int64_t MapHost::FreeBytes() const {
+  std::error_code error;
+  const std::filesystem::space_info space = std::filesystem::space(options_.directory, error);
+  return error ? 0 : static_cast<std::int64_t>(space.available);
 }
 
 absl::Status MapHost::Ready() const {
@@ -226,16 +235,9 @@ absl::Status MapHost::Ready() const {
                : absl::OkStatus();
 }
 
-std::string MapHost::Told(absl::string_view message) const {
-  return absl::StrReplaceAll(message, {{options_.directory + "/", ""}});
-}
+std::string MapHost::Told(absl::string_view message) const { return WithoutDirectory(message, options_.directory); }
 
-absl::Status MapHost::Told(const absl::Status& status) const {
-  if (status.ok()) return status;
-  absl::Status told(status.code(), Told(status.message()));
-  status.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) { told.SetPayload(url, payload); });
-  return told;
-}
+absl::Status MapHost::Told(const absl::Status& status) const { return WithoutDirectory(status, options_.directory); }
 
 absl::StatusOr<api::MapSummary> MapHost::Summarize(const std::string& map) {
   CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
@@ -426,7 +428,7 @@ absl::StatusOr<std::unique_ptr<api::MapSession>> MapHost::StartSession(const api
         CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<HostedMap> map, Use(request.map));
         CAIRN_ASSIGN_OR_RETURN(live, map->Write());
       }
-      return HostedSession::Start(request, std::move(live));
+      return HostedSession::Start(request, std::move(live), options_.directory);
     };
     absl::StatusOr<std::unique_ptr<api::MapSession>> session = sessions_.Start(request, start);
     if (!session.ok()) return Told(session.status());

@@ -93,8 +93,10 @@ class MapHost : public api::MapService {
     Revision revision = 0;
     std::int64_t bytes = 0;
     bool writing = false;
+    std::int64_t log_bytes = 0;  // its write-ahead log on the disk
   };
   std::vector<OpenMap> OpenMaps();
+  std::int64_t FreeBytes() const;  // on the disk of the maps; 0 if it does not say
   SessionTable::Counts sessions() const { return sessions_.counts(); }
   std::vector<api::ActiveSession> ActiveSessions() const { return sessions_.Active(Clock::now()); }
   std::int64_t waiting() const { return gate_.waiting(); }  // images that wait for their turn

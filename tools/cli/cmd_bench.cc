@@ -153,7 +153,8 @@ absl::Status BenchDirect(const BenchOptions& options) {
   settings.quiet = options.json;
   settings.feed.in_background = !session_options.deterministic && session_options.threads > 1;
   settings.feed.realtime_speed = options.realtime_speed;
-  const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
+  const auto add = [&](const engine::FedFrame& fed) -> absl::StatusOr<std::string> {
+    const direct::Frame& frame = fed.frame;
     CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
     return result.message;
   };

@@ -51,10 +51,10 @@ void NoteGap(double before_s, double after_s, const io::SourceInfo& info, FeedRe
 
 }  // namespace
 
-absl::StatusOr<FeedReport> FeedSequence(const FeedSettings& settings, io::FrameSource* source,
-                                        const engine::FramePreparation& preparation, InterruptWatch* interrupt,
-                                        const std::function<absl::StatusOr<std::string>(const direct::Frame&)>& handle,
-                                        const std::function<absl::Status()>& finish) {
+absl::StatusOr<FeedReport> FeedSequence(
+    const FeedSettings& settings, io::FrameSource* source, const engine::FramePreparation& preparation,
+    InterruptWatch* interrupt, const std::function<absl::StatusOr<std::string>(const engine::FedFrame&)>& handle,
+    const std::function<absl::Status()>& finish) {
   FeedReport report;
   report.realtime = settings.feed.realtime_speed > 0.0;
   SkippedFrames skipped(settings.verb, settings.quiet);
@@ -74,7 +74,7 @@ absl::StatusOr<FeedReport> FeedSequence(const FeedSettings& settings, io::FrameS
     for (std::int64_t taken = 1;; ++taken) {
       CAIRN_ASSIGN_OR_RETURN(const std::optional<engine::FedFrame> fed, feed.Next());
       if (!fed) break;
-      CAIRN_ASSIGN_OR_RETURN(const std::string note, Guarded([&] { return handle(fed->frame); }));
+      CAIRN_ASSIGN_OR_RETURN(const std::string note, Guarded([&] { return handle(*fed); }));
       const double at_s = ToSeconds(fed->frame.time_ns - source->info().first_time_ns);
       if (taken > 1) NoteGap(report.covered_s, at_s, source->info(), &report);
       report.covered_s = at_s;

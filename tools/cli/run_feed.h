@@ -46,10 +46,10 @@ struct FeedSettings {
 
 // Gives every frame to `handle`, which returns the note behind the bar; its errors end the feed. `interrupt` may be
 // null. The clock starts with the first frame and runs until `finish` returns.
-absl::StatusOr<FeedReport> FeedSequence(const FeedSettings& settings, io::FrameSource* source,
-                                        const engine::FramePreparation& preparation, InterruptWatch* interrupt,
-                                        const std::function<absl::StatusOr<std::string>(const direct::Frame&)>& handle,
-                                        const std::function<absl::Status()>& finish);
+absl::StatusOr<FeedReport> FeedSequence(
+    const FeedSettings& settings, io::FrameSource* source, const engine::FramePreparation& preparation,
+    InterruptWatch* interrupt, const std::function<absl::StatusOr<std::string>(const engine::FedFrame&)>& handle,
+    const std::function<absl::Status()>& finish);
 
 // What every run tells of its feed: frames given, tracked, skipped and dropped, times, peak memory.
 void AddFeedJson(const FeedReport& report, const io::SourceInfo& info, std::int64_t frames_tracked,

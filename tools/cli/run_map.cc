@@ -197,7 +197,8 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
   LivePoseFile live(options.live_poses);
   CAIRN_RETURN_IF_ERROR(live.status());
   WhereWatch where(*session, run.session_source.first_ns, options.json || !options.extend);
-  const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
+  const auto add = [&](const engine::FedFrame& fed) -> absl::StatusOr<std::string> {
+    const direct::Frame& frame = fed.frame;
     CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
     where.Look();
     if (live.count()) {

@@ -82,7 +82,8 @@ absl::Status TrackSequence(const RunOptions& options, InterruptWatch* interrupt)
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::OdometrySession> session,
                          engine::OdometrySession::Create(session_options, ToSessionSource(source->info())));
   engine::OdometryReport report;
-  const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
+  const auto add = [&](const engine::FedFrame& fed) -> absl::StatusOr<std::string> {
+    const direct::Frame& frame = fed.frame;
     CAIRN_ASSIGN_OR_RETURN(const direct::FrameResult result, session->AddFrame(frame));
     return result.message;
   };

@@ -188,8 +188,10 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_RETURN_IF_ERROR(live.status());
   api::SessionProgress before;
   AnsweredPoses answered;
-  const auto add = [&](const direct::Frame& frame) -> absl::StatusOr<std::string> {
-    CAIRN_ASSIGN_OR_RETURN(const api::SessionAnswer answer, session->AddFrame({frame.image, frame.time_ns}));
+  const auto add = [&](const engine::FedFrame& fed) -> absl::StatusOr<std::string> {
+    CAIRN_ASSIGN_OR_RETURN(
+        const api::SessionAnswer answer,
+        session->AddFrame({fed.frame.image, fed.frame.time_ns, static_cast<std::uint32_t>(fed.dropped_before)}));
     answered.Add(answer);
     if (answer.map_from_camera && live.count()) {
       live.Write(answer.time_ns, {answer.component, *answer.map_from_camera, answer.world_from_component});
