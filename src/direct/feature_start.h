@@ -33,7 +33,8 @@ struct StartResult {
   std::vector<double> inverse_depth;
   double parallax_rad = 0.0;
   double rms_px = 0.0;
-  double cost = 1e300;  // mean squared error in px^2, of corners that do not fit their limit; compares motions
+  double cost = 1e300;          // mean squared error in px^2, of corners that do not fit their limit; compares motions
+  double misfit_share = 1e300;  // `rms_px` as an angle, over the parallax
 };
 
 class FeatureStart {

@@ -216,6 +216,7 @@ StartResult FeatureStart::Reconstruct(const SE3& pose, const std::vector<int>& a
   result.rms_px = report.rms_px;
   report.inlier_share = share;
   result.cost = Cost(report);
+  if (result.parallax_rad > 0.0) result.misfit_share = result.rms_px / (camera_.fx_px * result.parallax_rad);
   // Median inverse depth 1; poses of the frames that were not adjusted.
   std::vector<double> depths;
   for (std::size_t p = 0; p < clean.inverse_depth.size(); ++p) {

@@ -42,7 +42,7 @@ bool Odometry::Impl::Plausible(const TrackingReference& reference, const FrameDa
                                const TrackingOutcome& outcome) const {
   if (!outcome.converged || !outcome.new_from_reference.translation().allFinite()) return false;
   if (std::abs(outcome.light.a - reference.light.a) > kMaxLogGain) return false;
-  if (outcome.good_share < 0.5 * options_.min_tracked_share || Quality(outcome) < options_.min_tracked_share) {
+  if (outcome.good_share < 0.5 * options_.min_tracked_share || Fit(outcome) < options_.min_tracked_share) {
     return false;
   }
   // Whoever does not know where the camera is must not believe the first wall that looks alike.
@@ -55,16 +55,21 @@ bool Odometry::Impl::Plausible(const TrackingReference& reference, const FrameDa
       return false;
     }
   }
-  if (!recent_.unsure && !carried && Quality(outcome) >= kSureQuality) return true;
+  if (!recent_.unsure && !carried && Fit(outcome) >= kSureQuality) return true;
   const AlignmentAgreement agreement = Agreement(reference, data, outcome.new_from_reference);
   if (recent_.unsure) return agreement.agreeing >= kMinFoundCells && agreement.share() >= kMinFoundAgreement;
   return (carried && agreement.cells == 0) || agreement.share() >= (carried ? kMinFoundAgreement : kMinAgreement);
 }
 
 // Share of the points in view that match.
-double Odometry::Impl::Quality(const TrackingOutcome& outcome) const {
+double Odometry::Impl::Fit(const TrackingOutcome& outcome) const {
   if (outcome.visible_share <= 0.0) return 0.0;
   return std::clamp(outcome.good_share / outcome.visible_share, 0.0, 1.0);
+}
+
+// Of the pose: what the image leaves open counts against it.
+double Odometry::Impl::Quality(const TrackingOutcome& outcome) const {
+  return Fit(outcome) / (1.0 + outcome.weakest_sigma_px * outcome.weakest_sigma_px);
 }
 
 bool Odometry::Impl::AlignBest(const TrackingReference& reference, const FrameData& data,
@@ -97,7 +102,7 @@ bool Odometry::Impl::AlignView(const TrackingReference& reference, const FrameDa
                                const std::vector<SE3>& guesses, TrackingOutcome* outcome, CellSet* covered) {
   if (AlignBest(reference, data, guesses, recent_.unsure ? 0.0 : MotionSigmaPx(),
                 recent_.unsure ? 0.0 : recent_.rms_gray, outcome)) {
-    if (Quality(*outcome) < kSureQuality) *covered = AlignUncovered(reference, data, outcome);
+    if (Fit(*outcome) < kSureQuality) *covered = AlignUncovered(reference, data, outcome);
     return true;
   }
   if (guesses.size() < kSeenGuesses) return false;
@@ -151,7 +156,7 @@ CellSet Odometry::Impl::AlignUncovered(const TrackingReference& reference, const
     if (now == covered || agreement.agreeing < kMinUncoveredCells) break;
     covered = now;
     const TrackingOutcome rest = AlignWithout(covered, reference, data, outcome->new_from_reference, outcome->light);
-    if (!rest.converged || Quality(rest) < Quality(*outcome)) break;
+    if (!rest.converged || Fit(rest) < Fit(*outcome)) break;
     outcome->new_from_reference = rest.new_from_reference;
     outcome->light = rest.light;
     outcome->rms_gray = rest.rms_gray;
@@ -181,7 +186,7 @@ bool Odometry::Impl::AlignSeenCells(const TrackingReference& reference, const Fr
     const std::ptrdiff_t seen = std::count(unseen.begin(), unseen.end(), false);
     if (seen < kMinSeenCells) continue;
     const TrackingOutcome rest = AlignWithout(unseen, reference, data, guess, recent_.light);
-    if (!rest.converged || rest.weakest_sigma_px > kCarriedSigmaPx || Quality(rest) < kSureQuality) continue;
+    if (!rest.converged || rest.weakest_sigma_px > kCarriedSigmaPx || Fit(rest) < kSureQuality) continue;
     if (std::abs(rest.light.a - reference.light.a) > kMaxLogGain) continue;
     if (Agreement(uncovered_, data, rest.new_from_reference).agreeing < kMinSeenShare * seen) continue;
     *outcome = rest;

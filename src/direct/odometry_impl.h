@@ -23,6 +23,7 @@
 #include "direct/alignment_check.h"
 #include "direct/candidate_points.h"
 #include "direct/coarse_tracker.h"
+#include "direct/corner_witness.h"
 #include "direct/cover_mask.h"
 #include "direct/first_window.h"
 #include "direct/keyframe.h"
@@ -152,6 +153,7 @@ class Odometry::Impl {
   AlignmentAgreement Agreement(const TrackingReference& reference, const FrameData& data,
                                const SE3& new_from_reference) const;
   CellSet CoveredCells(const TrackingReference& reference, const FrameData& data, const SE3& new_from_reference) const;
+  double Fit(const TrackingOutcome& outcome) const;
   double Quality(const TrackingOutcome& outcome) const;
 
   // odometry_keyframes.cc
@@ -185,7 +187,8 @@ class Odometry::Impl {
   std::vector<RetainedFrame> WaitingFrames() const;
   void BeginAt(const KnownView& view);
   void BeginSegmentAt(const RetainedFrame& here, std::span<const RetainedFrame> before, const SegmentNumbers& numbers);
-  void TrackBackwards(std::span<const RetainedFrame> frames, const TrackingReference& reference);
+  void TrackBackwards(std::span<const RetainedFrame> frames, const TrackingReference& reference,
+                      CornerWitness* witness);
   void RequeueLost();
 
   const OdometryOptions options_;

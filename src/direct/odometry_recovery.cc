@@ -116,7 +116,7 @@ void Odometry::Impl::BeginSegmentAt(const RetainedFrame& here, std::span<const R
   SetReference(reference);
   StoreRetracked(here.position, reference->keyframe, SE3(), 1.0);
   recent_.BeginSegment();
-  TrackBackwards(before, *reference);
+  TrackBackwards(before, *reference, nullptr);
   recent_.light = reference->light;
   std::lock_guard lock(mutex_);
   if (!before.empty()) poses_.Interpolate(before.front().position, here.position);
@@ -144,9 +144,11 @@ void Odometry::Impl::RequeueLost() {
   retained_.ClearLost();
 }
 
-// Frames before the first keyframe of a segment, newest last: backwards against it, until it is out of sight.
-// track_mutex_ held.
-void Odometry::Impl::TrackBackwards(std::span<const RetainedFrame> frames, const TrackingReference& reference) {
+// Frames before the first keyframe of a segment, newest last: backwards against it, until it is out of sight, or the
+// witness does not bear out a pose. A view that is known to others, whose depths are proven, needs none. track_mutex_
+// held.
+void Odometry::Impl::TrackBackwards(std::span<const RetainedFrame> frames, const TrackingReference& reference,
+                                    CornerWitness* witness) {
   SE3 guess, motion;
   AffineLight light = reference.light;
   for (std::size_t i = frames.size(); i-- > 0;) {
@@ -154,6 +156,7 @@ void Odometry::Impl::TrackBackwards(std::span<const RetainedFrame> frames, const
     recent_.light = light;
     TrackingOutcome outcome;
     if (!AlignBest(reference, *data, {motion * guess, guess}, 0.0, recent_.rms_gray, &outcome)) break;
+    if (witness != nullptr && !witness->BearsOut(frames[i].frame, outcome.new_from_reference)) break;
     motion = outcome.new_from_reference * guess.Inverse();
     guess = outcome.new_from_reference;
     light = outcome.light;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <numbers>
 #include <opencv2/imgproc.hpp>
 
 #include "base/random.h"
@@ -365,6 +366,47 @@ TEST(OdometryStart, WaitsWhileTheCameraIsStillAndStartsOnceItMoves) {
   EXPECT_GE(first, 13);
   EXPECT_LT(first, 50);
   EXPECT_THAT(message, HasSubstr("not moved enough"));
+}
+
+// Held a forearm before the body, which turns away and back, fast and blurred, before the camera moves: through the
+// blur the image tells nothing to a pixel, and poses tracked back through it are worth nothing.
+TEST(OdometryStart, FramesBeforeItThatAreTooBlurredToTellHaveNoPose) {
+  constexpr int kTurns = 12, kExposures = 5;
+  const auto pose_at = [](double t) {
+    if (t > kTurns) return testing::SwayPose(t - kTurns);
+    const double still = std::sin(std::numbers::pi * t / kTurns), turn_rad = 0.7 * still * still;
+    const Quaterniond turned = ExpSO3(Vector3d(0, turn_rad, 0));
+    return SE3(turned, 0.12 * (turned * Vector3d::UnitZ() - Vector3d::UnitZ()));
+  };
+  const testing::Scene scene;
+  const auto odometry = MakeOdometry();
+  for (int i = 0; i < kTurns + 26; ++i) {
+    Frame frame;
+    cv::Mat sum;
+    const int exposures = i < kTurns ? kExposures : 1;
+    for (int k = 0; k < exposures; ++k) {  // open all the time
+      frame = scene.Render(testing::TestCamera(), pose_at(i + (k + 0.5) / exposures - 0.5), i);
+      if (k == 0) sum = cv::Mat::zeros(frame.image.size(), CV_32F);
+      cv::accumulate(frame.image, sum);
+    }
+    sum.convertTo(frame.image, CV_8U, 1.0 / exposures);
+    ASSERT_TRUE(odometry->Process(frame).ok());
+  }
+  odometry->Finish();
+  const std::vector<FrameResult> results = odometry->FrameResults();
+  const FrameResult &first = results[kTurns + 1], &last = results.back();
+  ASSERT_GE(first.keyframe, 0);
+  const auto estimate = [&](const FrameResult& a, const FrameResult& b) {
+    return (a.direct_from_camera.Inverse() * b.direct_from_camera).translation();
+  };
+  const auto truth = [&](int a, int b) { return (pose_at(a).Inverse() * pose_at(b)).translation(); };
+  const int end = static_cast<int>(results.size()) - 1;
+  const double scale = truth(kTurns + 1, end).norm() / estimate(first, last).norm();
+  for (int i = 0; i < kTurns; ++i) {
+    const FrameResult& frame = results[static_cast<std::size_t>(i)];
+    if (frame.keyframe < 0) continue;
+    EXPECT_LT((scale * estimate(first, frame) - truth(kTurns + 1, i)).norm(), 0.03) << "frame " << i;
+  }
 }
 
 TEST(OdometryStart, ALongWaitLosesNoPose) {

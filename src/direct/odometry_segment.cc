@@ -121,7 +121,9 @@ void Odometry::Impl::RetrackRetained(const StartResult& start) {
   }
   const std::vector<RetainedFrame> before(retained.begin(),
                                           retained.begin() + static_cast<std::ptrdiff_t>(reference_at));
-  TrackBackwards(before, *references.front());
+  if (before.empty()) return;
+  CornerWitness witness(options_, camera_, retained[reference_at].frame, start.rms_px);
+  TrackBackwards(before, *references.front(), &witness);
 }
 
 // The pose in the reference by the image, or by the guess where that is not believed. track_mutex_ held.

@@ -166,7 +166,7 @@ FrameResult Odometry::Impl::TrackFrame(const Frame& frame, std::size_t position,
     recent_.light = outcome.light;
     recent_.rms_gray = outcome.rms_gray;
     // What the image leaves open, the prediction decides.
-    result.quality = Quality(outcome) / (1.0 + outcome.weakest_sigma_px * outcome.weakest_sigma_px);
+    result.quality = Quality(outcome);
     result.state = StateOf(result.quality);
     result.keyframe = reference->keyframe;
     result.keyframe_from_camera = outcome.new_from_reference.Inverse();

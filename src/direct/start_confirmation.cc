@@ -7,12 +7,10 @@ constexpr int kMinDoubtedFrames = 5;  // after the start
 constexpr int kMaxDoubtedFrames = 30;
 constexpr double kWayRatio = 2.0;  // against the way of the start: then it is judged
 constexpr double kWrongCostRatio = 2.0;
-constexpr double kWrongCostPx2 = 0.3;       // and by how much more, at least
-constexpr double kMaxWitnessCostPx2 = 1.0;  // corners that fit their own motion worse are blurred, and prove nothing
-
-bool IsClearlyMore(double squared_px2, double than_px2) {
-  return squared_px2 > kWrongCostRatio * than_px2 && squared_px2 > than_px2 + kWrongCostPx2;
-}
+constexpr double kWrongCostPx2 = 0.3;  // and by how much more, at least
+// Of the parallax that corners see: what they misfit their own motion by. As much is open in the depths; corners with
+// more prove nothing.
+constexpr double kMaxWitnessMisfit = 0.05;
 
 // Camera from the reference, which has a pose.
 std::vector<std::optional<SE3>> SinceReference(const std::vector<std::optional<SE3>>& direct_from_camera) {
@@ -27,6 +25,10 @@ std::vector<std::optional<SE3>> SinceReference(const std::vector<std::optional<S
 }
 
 }  // namespace
+
+bool ExplainsClearlyWorse(double squared_px2, double than_px2) {
+  return squared_px2 > kWrongCostRatio * than_px2 && squared_px2 > than_px2 + kWrongCostPx2;
+}
 
 StartVerdict StartConfirmation::Judge(const Frame& frame, bool tracked,
                                       const std::vector<std::optional<SE3>>& direct_from_camera, StartResult* better) {
@@ -60,17 +62,18 @@ bool StartConfirmation::IsWrong(const std::vector<std::optional<SE3>>& direct_fr
 bool StartConfirmation::IsWorse(const std::vector<std::optional<SE3>>& direct_from_camera,
                                 const StartResult& better) const {
   const double cost = corners_->CostOf(SinceReference(direct_from_camera));
-  return cost < 1e299 && IsClearlyMore(cost, better.cost);
+  return cost < 1e299 && ExplainsClearlyWorse(cost, better.cost);
 }
 
 // Something that moves by itself through the view makes a second motion of its own, or with the rest, that costs less;
 // but the corners that the odometry explains it then explains as well as ever. A wrong odometry explains none well.
 StartVerdict StartConfirmation::Compare(const StartResult& second,
                                         const std::vector<std::optional<SE3>>& direct_from_camera) const {
-  if (!direct_from_camera.front() || second.cost > kMaxWitnessCostPx2) return StartVerdict::kUnproven;
+  if (!direct_from_camera.front() || second.misfit_share > kMaxWitnessMisfit) return StartVerdict::kUnproven;
   if (!IsWorse(direct_from_camera, second)) return StartVerdict::kRight;
   const double rms_px = corners_->InlierRmsPxOf(SinceReference(direct_from_camera));
-  return IsClearlyMore(rms_px * rms_px, second.rms_px * second.rms_px) ? StartVerdict::kWrong : StartVerdict::kUnproven;
+  return ExplainsClearlyWorse(rms_px * rms_px, second.rms_px * second.rms_px) ? StartVerdict::kWrong
+                                                                              : StartVerdict::kUnproven;
 }
 
 }  // namespace cairn::direct

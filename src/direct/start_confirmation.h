@@ -29,6 +29,9 @@ enum class StartVerdict {
   kUnproven,  // the corners were lost before the camera had moved on: nobody can tell
 };
 
+// Of two mean squared errors of corners: is the first beyond what noise and a little luck make of the second?
+bool ExplainsClearlyWorse(double squared_px2, double than_px2);
+
 class StartConfirmation {
  public:
   // `corners` are those of the start, and outlive it.
@@ -44,7 +47,8 @@ class StartConfirmation {
                      StartResult* better);
 
   // After kUnproven: do the odometry's poses explain the corners of a `second` start, of later frames, as well as that
-  // does? Poses of all frames since and with its reference. kUnproven: those corners prove nothing, either.
+  // does? Poses of all frames since and with its reference. kUnproven: those corners prove nothing, either, as in a
+  // blur, where they fit no motion well for the parallax that they show.
   StartVerdict Compare(const StartResult& second, const std::vector<std::optional<SE3>>& direct_from_camera) const;
 
  private:
