@@ -18,12 +18,14 @@ absl::Status QueryOptions::Validate() const {
   return absl::OkStatus();
 }
 
-InvertedIndex::InvertedIndex(std::size_t num_words) : blocks_(num_words), id_chunks_(kMaxEntries / kIdsPerChunk) {}
+InvertedIndex::InvertedIndex(std::vector<float> idf)
+    : idf_(std::move(idf)), blocks_(idf_.size()), id_chunks_(kMaxEntries / kIdsPerChunk) {}
 
 InvertedIndex::~InvertedIndex() {
   for (std::atomic<Block*>& head : blocks_) {
     for (Block* block = head.load(); block != nullptr;) Block::Delete(std::exchange(block, block->older));
   }
+  for (Segments* segments = segments_.load(); segments != nullptr;) delete std::exchange(segments, segments->older);
   for (std::atomic<std::uint32_t*>& chunk : id_chunks_) delete[] chunk.load();
 }
 
@@ -37,18 +39,28 @@ void InvertedIndex::Block::Delete(Block* block) {
   ::operator delete(block);
 }
 
+namespace {
+
+absl::Status NoSuchWord(std::uint32_t id, WordId word, std::size_t num_words) {
+  return absl::InvalidArgumentError(absl::StrCat("id ", id, " has the word ", word,
+                                                 ", but the vocabulary of the place index has ", num_words, " words"));
+}
+
+}  // namespace
+
 absl::Status InvertedIndex::Check(std::uint32_t id, const BowVector& words) const {
   for (std::size_t i = 0; i < words.size(); ++i) {
-    if (words[i].word >= blocks_.size()) {
-      return absl::InvalidArgumentError(absl::StrCat("id ", id, " has the word ", words[i].word,
-                                                     ", but the vocabulary of the place index has ", blocks_.size(),
-                                                     " words"));
-    }
+    if (words[i].word >= idf_.size()) return NoSuchWord(id, words[i].word, idf_.size());
     if (i > 0 && words[i].word <= words[i - 1].word) {
       return absl::InvalidArgumentError(absl::StrCat("the words of id ", id, " are not sorted"));
     }
   }
   return absl::OkStatus();
+}
+
+absl::Status InvertedIndex::Check(const Entry& entry) const {
+  const auto wrong = std::ranges::find_if(entry.words, [this](WordId word) { return word >= idf_.size(); });
+  return wrong == entry.words.end() ? absl::OkStatus() : NoSuchWord(entry.id, *wrong, idf_.size());
 }
 
 void InvertedIndex::SetId(std::uint32_t entry, std::uint32_t id) {
@@ -64,11 +76,7 @@ absl::StatusOr<std::uint32_t> InvertedIndex::Add(std::uint32_t id, const BowVect
   const std::uint32_t entry = num_entries_.load(std::memory_order_relaxed);
   if (entry >= kMaxEntries) return absl::ResourceExhaustedError("the place index is full");
   SetId(entry, id);
-  for (const WeightedWord& word : words) {
-    const Posting posting = {entry, word.weight};
-    const Block* last = blocks_[word.word].load(std::memory_order_relaxed);
-    Append(word.word, std::span(&posting, 1), last == nullptr ? 1 : last->capacity);
-  }
+  for (const WeightedWord& word : words) Append(word.word, {entry, word.weight});
   num_entries_.store(entry + 1, std::memory_order_release);
   return entry;
 }
@@ -76,40 +84,47 @@ absl::StatusOr<std::uint32_t> InvertedIndex::Add(std::uint32_t id, const BowVect
 absl::StatusOr<std::uint32_t> InvertedIndex::AddAll(std::span<const Entry> entries) {
   const std::uint32_t first = num_entries_.load(std::memory_order_relaxed);
   if (entries.size() > kMaxEntries - first) return absl::ResourceExhaustedError("the place index is full");
-  // A counting sort by word; entries come in order under each.
-  std::vector<std::uint32_t> end(blocks_.size() + 1, 0);
-  for (const Entry& entry : entries) {
-    CAIRN_RETURN_IF_ERROR(Check(entry.id, entry.words));
-    for (const WeightedWord& word : entry.words) ++end[word.word + 1];
+  for (const Entry& entry : entries) CAIRN_RETURN_IF_ERROR(Check(entry));
+  while (!entries.empty()) {
+    const auto together = entries.first(std::min<std::size_t>(entries.size(), PostingSegment::kMaxEntries));
+    CAIRN_RETURN_IF_ERROR(AddTogether(together));
+    entries = entries.subspan(together.size());
   }
-  for (std::size_t word = 1; word < end.size(); ++word) end[word] += end[word - 1];
-  std::vector<Posting> sorted(end.back());
-  for (std::uint32_t i = 0; i < entries.size(); ++i) {
-    SetId(first + i, entries[i].id);
-    for (const WeightedWord& word : entries[i].words) sorted[end[word.word]++] = {first + i, word.weight};
-  }
-  for (std::size_t begin = 0, word = 0; word < blocks_.size(); begin = end[word++]) {
-    Append(static_cast<WordId>(word), std::span(sorted).subspan(begin, end[word] - begin), 0);
-  }
-  num_entries_.store(first + static_cast<std::uint32_t>(entries.size()), std::memory_order_release);
   return first;
 }
 
-void InvertedIndex::Append(WordId word, std::span<const Posting> postings, std::uint32_t more) {
-  Block* block = blocks_[word].load(std::memory_order_relaxed);
-  while (!postings.empty()) {
-    std::uint32_t size = block == nullptr ? 0 : block->size.load(std::memory_order_relaxed);
-    const bool full = block == nullptr || size == block->capacity;
-    if (full) {
-      block = Block::New(static_cast<std::uint32_t>(postings.size()) + more, block);
-      size = 0;
-    }
-    const std::size_t count = std::min<std::size_t>(postings.size(), block->capacity - size);
-    std::ranges::copy(postings.first(count), block->postings() + size);
-    block->size.store(size + static_cast<std::uint32_t>(count), std::memory_order_release);
-    if (full) blocks_[word].store(block, std::memory_order_release);
-    postings = postings.subspan(count);
+absl::Status InvertedIndex::AddTogether(std::span<const Entry> entries) {
+  std::size_t num_words = 0;
+  for (const Entry& entry : entries) num_words += entry.words.size();
+  // A segment has a number per word of the vocabulary; few entries are not worth that.
+  if (num_words < idf_.size()) {
+    for (const Entry& entry : entries) CAIRN_RETURN_IF_ERROR(Add(entry.id, Weigh(entry.words, idf_)).status());
+    return absl::OkStatus();
   }
+  const std::uint32_t first = num_entries_.load(std::memory_order_relaxed);
+  std::vector<std::span<const WordId>> words_of_entry;
+  for (const Entry& entry : entries) {
+    SetId(first + static_cast<std::uint32_t>(words_of_entry.size()), entry.id);
+    words_of_entry.emplace_back(entry.words);
+  }
+  segments_.store(new Segments{PostingSegment(first, words_of_entry, idf_), segments_.load(std::memory_order_relaxed)},
+                  std::memory_order_release);
+  num_entries_.store(first + static_cast<std::uint32_t>(entries.size()), std::memory_order_release);
+  return absl::OkStatus();
+}
+
+void InvertedIndex::Append(WordId word, Posting posting) {
+  Block* block = blocks_[word].load(std::memory_order_relaxed);
+  std::uint32_t size = block == nullptr ? 0 : block->size.load(std::memory_order_relaxed);
+  const bool full = block == nullptr || size == block->capacity;
+  if (full) {
+    // As many again may be expected to come.
+    block = Block::New(block == nullptr ? 2 : 2 * block->capacity, block);
+    size = 0;
+  }
+  block->postings()[size] = posting;
+  block->size.store(size + 1, std::memory_order_release);
+  if (full) blocks_[word].store(block, std::memory_order_release);
 }
 
 std::uint32_t InvertedIndex::IdOf(std::uint32_t entry) const {
@@ -123,16 +138,23 @@ std::vector<Candidate> InvertedIndex::Query(const BowVector& words, const QueryO
   std::vector<double> score(size, 0.0);
   std::vector<std::uint32_t> common(size, 0);
   std::vector<std::uint32_t> touched;
+  std::vector<const PostingSegment*> segments;
+  for (const Segments* at = segments_.load(std::memory_order_acquire); at != nullptr; at = at->older) {
+    if (at->newest.first() < size) segments.push_back(&at->newest);
+  }
   for (const WeightedWord& word : words) {
-    if (word.word >= blocks_.size()) continue;
+    if (word.word >= idf_.size()) continue;
+    const auto meets = [&](std::uint32_t entry, float weight) {
+      if (common[entry]++ == 0) touched.push_back(entry);
+      score[entry] += std::min(word.weight, weight);
+    };
+    for (const PostingSegment* segment : segments) segment->ForEach(word.word, idf_[word.word], meets);
     for (const Block* block = blocks_[word.word].load(std::memory_order_acquire); block != nullptr;
          block = block->older) {
       const std::uint32_t filled = block->size.load(std::memory_order_acquire);
       for (std::uint32_t i = 0; i < filled; ++i) {
         const Posting& posting = block->postings()[i];
-        if (posting.entry >= size) continue;  // came meanwhile
-        if (common[posting.entry]++ == 0) touched.push_back(posting.entry);
-        score[posting.entry] += std::min(word.weight, posting.weight);
+        if (posting.entry < size) meets(posting.entry, posting.weight);  // else it came meanwhile
       }
     }
   }

@@ -5,7 +5,9 @@
 
 #include <atomic>
 #include <map>
+#include <span>
 #include <thread>
+#include <vector>
 
 #include "image/testing_descriptors.h"
 #include "place/training.h"
@@ -31,6 +33,16 @@ BowVector RandomWords(std::size_t num_words, Random* random) {
   return words;
 }
 
+// That weigh differently; some nothing.
+std::vector<float> RandomWeights(std::size_t num_words, Random* random) {
+  std::vector<float> idf;
+  while (idf.size() < num_words) {
+    idf.push_back(random->Below(10) == 0 ? 0.0f : static_cast<float>(random->Uniform(0.5, 8.0)));
+  }
+  return idf;
+}
+std::vector<float> Ones(std::size_t num_words) { return std::vector<float>(num_words, 1.0f); }
+
 QueryOptions Everything() {
   QueryOptions options;
   options.min_common_share = 0.0;
@@ -40,7 +52,7 @@ QueryOptions Everything() {
 
 TEST(InvertedIndex, ScoresLikeTheDirectComparison) {
   Random random(1);
-  InvertedIndex index(200);
+  InvertedIndex index(Ones(200));
   std::map<std::uint32_t, BowVector> entries;
   for (std::uint32_t id = 5; id < 45; ++id) {
     entries[id] = RandomWords(200, &random);
@@ -66,7 +78,7 @@ TEST(InvertedIndex, ScoresLikeTheDirectComparison) {
 // An earlier state is the entries of then; one where some have gone is those that are left.
 TEST(InvertedIndex, AnswersDependOnTheEntriesThatCountAlone) {
   Random random(2);
-  InvertedIndex all(200), some(200);
+  InvertedIndex all(Ones(200)), some(Ones(200));
   for (std::uint32_t id = 0; id < 60; ++id) {
     const BowVector words = RandomWords(200, &random);
     ASSERT_TRUE(all.Add(id, words).ok());
@@ -86,7 +98,7 @@ TEST(InvertedIndex, IsAskedWhileItGrows) {
   Random random(3);
   std::vector<BowVector> entries;
   for (int i = 0; i < 400; ++i) entries.push_back(RandomWords(100, &random));
-  InvertedIndex growing(100), whole(100);
+  InvertedIndex growing(Ones(100)), whole(Ones(100));
   for (std::uint32_t id = 0; id < 100; ++id) {
     ASSERT_TRUE(growing.Add(id, entries[id]).ok());
     ASSERT_TRUE(whole.Add(id, entries[id]).ok());
@@ -105,20 +117,38 @@ TEST(InvertedIndex, IsAskedWhileItGrows) {
   EXPECT_EQ(wrong, 0);
 }
 
+// Entries of some forty words, in no order, some of them again and again.
+std::vector<InvertedIndex::Entry> RandomEntries(std::uint32_t count, std::uint32_t num_words, Random* random) {
+  std::vector<InvertedIndex::Entry> entries;
+  for (std::uint32_t id = 0; id < count; ++id) {
+    InvertedIndex::Entry& entry = entries.emplace_back();
+    entry.id = 100000 - id;
+    for (int i = 0; i < 30; ++i) entry.words.push_back(static_cast<WordId>(random->Below(num_words)));
+    for (int i = 0; i < 10; ++i) entry.words.push_back(entry.words[random->Below(30)]);
+  }
+  return entries;
+}
+
 // All at once, one by one, and mixed.
 TEST(InvertedIndex, AddsManyAsOneByOne) {
   Random random(5);
-  std::vector<InvertedIndex::Entry> entries;
-  for (std::uint32_t id = 0; id < 70; ++id) entries.push_back({1000 - id, RandomWords(200, &random)});
+  const std::vector<float> idf = RandomWeights(200, &random);
+  std::vector<InvertedIndex::Entry> entries = RandomEntries(70, 200, &random);
   entries[7].words.clear();
-  InvertedIndex single(200), many(200);
-  for (const InvertedIndex::Entry& entry : entries) ASSERT_TRUE(single.Add(entry.id, entry.words).ok());
+  // More often than a posting can say, just as often, and once less.
+  entries[8].words.insert(entries[8].words.end(), 200, entries[8].words[0]);
+  entries[9].words = std::vector<WordId>(63, entries[8].words[0]);
+  entries[10].words = std::vector<WordId>(62, entries[8].words[0]);
+  InvertedIndex single(idf), many(idf);
+  for (const InvertedIndex::Entry& entry : entries) ASSERT_TRUE(single.Add(entry.id, Weigh(entry.words, idf)).ok());
+  const auto add = [&](const InvertedIndex::Entry& entry) { return many.Add(entry.id, Weigh(entry.words, idf)); };
   const std::span<const InvertedIndex::Entry> all = entries;
   EXPECT_EQ(many.AddAll(all.first(40)).value(), 0u);
-  EXPECT_EQ(many.Add(all[40].id, all[40].words).value(), 40u);
+  EXPECT_EQ(add(all[40]).value(), 40u);
   EXPECT_EQ(many.AddAll(all.subspan(41, 9)).value(), 41u);
-  for (const InvertedIndex::Entry& entry : all.subspan(50, 5)) ASSERT_TRUE(many.Add(entry.id, entry.words).ok());
-  EXPECT_EQ(many.AddAll(all.subspan(55)).value(), 55u);
+  for (const InvertedIndex::Entry& entry : all.subspan(50, 5)) ASSERT_TRUE(add(entry).ok());
+  EXPECT_EQ(many.AddAll(all.subspan(55, 2)).value(), 55u);  // fewer words than the vocabulary has
+  EXPECT_EQ(many.AddAll(all.subspan(57)).value(), 57u);
   EXPECT_EQ(many.AddAll({}).value(), 70u);
   ASSERT_EQ(many.num_entries(), 70u);
   for (int i = 0; i < 20; ++i) {
@@ -127,19 +157,33 @@ TEST(InvertedIndex, AddsManyAsOneByOne) {
     EXPECT_EQ(many.Query(query), single.Query(query));
   }
   // One bad entry, and none of them comes in.
-  const std::vector<InvertedIndex::Entry> bad = {{1, {{3, 1.0f}}}, {2, {{200, 1.0f}}}};
+  const std::vector<InvertedIndex::Entry> bad = {{1, {3}}, {2, {200}}};
   EXPECT_EQ(many.AddAll(bad).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(many.num_entries(), 70u);
 }
 
+// More than one segment takes, of a vocabulary that does not end where one of its buckets does.
+TEST(InvertedIndex, AddsMoreThanASegmentTakes) {
+  Random random(6);
+  const std::vector<float> idf = RandomWeights(1337, &random);
+  const std::vector<InvertedIndex::Entry> entries = RandomEntries(2 * PostingSegment::kMaxEntries + 100, 1337, &random);
+  InvertedIndex single(idf), many(idf);
+  for (const InvertedIndex::Entry& entry : entries) ASSERT_TRUE(single.Add(entry.id, Weigh(entry.words, idf)).ok());
+  ASSERT_TRUE(many.AddAll(entries).ok());
+  for (int i = 0; i < 5; ++i) {
+    const BowVector query = Weigh(RandomEntries(1, 1337, &random)[0].words, idf);
+    EXPECT_EQ(many.Query(query, Everything()), single.Query(query, Everything()));
+  }
+}
+
 TEST(InvertedIndex, TiesGoToTheSmallerId) {
-  InvertedIndex index(4);
+  InvertedIndex index(Ones(4));
   for (const std::uint32_t id : {9u, 3u, 6u}) ASSERT_TRUE(index.Add(id, {{1, 0.5f}, {2, 0.5f}}).ok());
   EXPECT_THAT(index.Query({{1, 1.0f}}), ElementsAre(Candidate{3, 0.5, 1}, Candidate{6, 0.5, 1}, Candidate{9, 0.5, 1}));
 }
 
 TEST(InvertedIndex, DropsThoseWithFewCommonWordsAndExcluded) {
-  InvertedIndex index(10);
+  InvertedIndex index(Ones(10));
   const float w = 0.2f;
   ASSERT_TRUE(index.Add(1, {{0, w}, {1, w}, {2, w}, {3, w}, {4, w}}).ok());  // shares 5
   ASSERT_TRUE(index.Add(2, {{0, w}, {1, w}, {2, w}, {3, w}, {9, w}}).ok());  // shares 4
@@ -166,7 +210,7 @@ TEST(InvertedIndex, DropsThoseWithFewCommonWordsAndExcluded) {
 }
 
 TEST(InvertedIndex, ReportsMisuse) {
-  InvertedIndex index(10);
+  InvertedIndex index(Ones(10));
   EXPECT_TRUE(index.Add(1, {{2, 1.0f}}).ok());
   EXPECT_EQ(index.Add(2, {{10, 1.0f}}).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(index.Add(2, {{3, 0.5f}, {2, 0.5f}}).status().code(), absl::StatusCode::kInvalidArgument);

@@ -1,9 +1,10 @@
 #include "tracking/place_index.h"
 
-#include <algorithm>
-#include <array>
 #include <mutex>
 #include <utility>
+
+#include "place/posting_segment.h"
+#include "place/weighing.h"
 
 namespace cairn::tracking {
 namespace {
@@ -12,38 +13,13 @@ namespace {
 constexpr std::size_t kMaxGoneShare = 3;
 constexpr std::size_t kMaxGone = 200;
 // Keyframes whose words go into the index together when it is built.
-constexpr std::size_t kAddedAtOnce = 1024;
+constexpr std::size_t kAddedAtOnce = place::PostingSegment::kMaxEntries;
 
-// Words below `num_words`; of an image's thousands a radix sort takes a tenth of the time of std::sort.
-void SortWords(std::vector<place::WordId>* words, std::size_t num_words) {
-  constexpr int kBits = 9;
-  constexpr std::size_t kBuckets = std::size_t{1} << kBits;
-  std::vector<place::WordId> other(words->size());
-  for (int shift = 0; (num_words >> shift) != 0; shift += kBits) {
-    std::array<std::uint32_t, kBuckets> end{};
-    for (const place::WordId word : *words) ++end[(word >> shift) & (kBuckets - 1)];
-    std::uint32_t sum = 0;
-    for (std::uint32_t& bucket : end) sum += std::exchange(bucket, sum);
-    for (const place::WordId word : *words) other[end[(word >> shift) & (kBuckets - 1)]++] = word;
-    words->swap(other);
-  }
-}
-
-// tf-idf of the words of one image, L1-normalised: each word's count times its weight. `words` is in any order.
-place::BowVector Weigh(const place::Vocabulary& vocabulary, std::vector<place::WordId> words) {
-  SortWords(&words, vocabulary.num_words());
-  place::BowVector bow;
-  double sum = 0.0;
-  for (std::size_t i = 0; i < words.size();) {
-    std::size_t end = i;
-    while (end < words.size() && words[end] == words[i]) ++end;
-    const double weight = static_cast<double>(end - i) * vocabulary.weight(words[i]);
-    if (weight > 0.0) bow.push_back({words[i], static_cast<float>(weight)});
-    sum += weight;
-    i = end;
-  }
-  for (place::WeightedWord& word : bow) word.weight = static_cast<float>(word.weight / sum);
-  return bow;
+std::vector<float> WeightsOf(const place::Vocabulary& vocabulary) {
+  std::vector<float> weights;
+  weights.reserve(vocabulary.num_words());
+  for (place::WordId word = 0; word < vocabulary.num_words(); ++word) weights.push_back(vocabulary.weight(word));
+  return weights;
 }
 
 absl::Status CheckVocabulary(const place::Vocabulary& vocabulary, const map::Snapshot& map) {
@@ -61,19 +37,20 @@ class PlaceIndex::Shared {
       : vocabulary(std::move(words)),
         direct_level(level),
         node_of_word(vocabulary->NodesOfWords(level)),
-        index(vocabulary->num_words()) {}
+        index(WeightsOf(*vocabulary)) {}
 
-  absl::StatusOr<place::BowVector> BowOf(KeyframeId keyframe, const std::vector<place::WordId>& words) const {
+  absl::Status Check(KeyframeId keyframe, const std::vector<place::WordId>& words) const {
     for (const place::WordId word : words) {
       if (word < node_of_word.size()) continue;
       return absl::DataLossError(absl::StrCat("place index: keyframe ", keyframe.value(), " has word ", word,
                                               ", but the vocabulary has ", node_of_word.size()));
     }
-    return Weigh(*vocabulary, words);
+    return absl::OkStatus();
   }
 
   absl::StatusOr<std::uint32_t> Add(KeyframeId keyframe, const std::vector<place::WordId>& words) {
-    CAIRN_ASSIGN_OR_RETURN(const place::BowVector bow, BowOf(keyframe, words));
+    CAIRN_RETURN_IF_ERROR(Check(keyframe, words));
+    const place::BowVector bow = place::Weigh(words, index.idf());
     const std::lock_guard lock(mutex_);
     return index.Add(keyframe.value(), bow);
   }
@@ -108,8 +85,8 @@ absl::StatusOr<PlaceIndex::Builder> PlaceIndex::Builder::Create(std::shared_ptr<
 }
 
 absl::Status PlaceIndex::Builder::Add(KeyframeId keyframe, const std::vector<place::WordId>& words) {
-  CAIRN_ASSIGN_OR_RETURN(place::BowVector bow, shared_->BowOf(keyframe, words));
-  waiting_.push_back({keyframe.value(), std::move(bow)});
+  CAIRN_RETURN_IF_ERROR(shared_->Check(keyframe, words));
+  waiting_.push_back({keyframe.value(), words});
   return waiting_.size() < kAddedAtOnce ? absl::OkStatus() : Flush();
 }
 
@@ -198,12 +175,8 @@ std::vector<place::NodeId> PlaceIndex::NodesOf(const map::Keyframe& keyframe) co
 
 PlaceIndex::Words PlaceIndex::Transform(std::span<const image::Descriptor> descriptors) const {
   Words result;
-  std::vector<place::WordId> words(descriptors.size());
-  result.nodes.resize(descriptors.size());
-  for (std::size_t i = 0; i < descriptors.size(); ++i) {
-    words[i] = shared_->vocabulary->Lookup(descriptors[i], shared_->direct_level, &result.nodes[i]);
-  }
-  result.bow = Weigh(*shared_->vocabulary, std::move(words));
+  result.bow = place::Weigh(shared_->vocabulary->LookupAll(descriptors, shared_->direct_level, &result.nodes),
+                            shared_->index.idf());
   return result;
 }
 
