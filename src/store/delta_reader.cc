@@ -21,7 +21,7 @@ absl::StatusOr<bool> ReadRow(const TableSpec& table, std::int64_t id, Statement*
   CAIRN_ASSIGN_OR_RETURN(const bool found, select->Step());
   if (!found) return false;
   Row row;
-  absl::Status status = row.ReadWithChecksum(*select) ? FromRow(*select, value) : absl::DataLossError("wrong checksum");
+  const absl::Status status = ReadChecked(*select, &row, value);
   select->Reset();
   if (!status.ok()) return Damaged(table, id, status.message());
   return true;
@@ -121,8 +121,7 @@ absl::Status DeltaReader::ReadSessions() {
           if (!found) break;
           Row row;
           LoopRow loop;
-          if (!row.ReadWithChecksum(select_loops)) return Damaged(kLoopsTable, id, "wrong checksum");
-          const absl::Status status = FromRow(select_loops, &loop);
+          const absl::Status status = ReadChecked(select_loops, &row, &loop);
           if (!status.ok()) return Damaged(kLoopsTable, id, status.message());
           session.loops.push_back(loop.loop);
         }
@@ -231,8 +230,7 @@ absl::Status DeltaReader::ReadLinks(map::Keyframe* keyframe) {
     if (!found) break;
     Row row;
     EdgeRow edge;
-    if (!row.ReadWithChecksum(select_edges_)) return Damaged(kCovisibilityTable, id, "wrong checksum");
-    const absl::Status status = FromRow(select_edges_, &edge);
+    const absl::Status status = ReadChecked(select_edges_, &row, &edge);
     if (!status.ok()) return Damaged(kCovisibilityTable, id, status.message());
     keyframe->covisible.push_back({edge.a == keyframe->id ? edge.b : edge.a, edge.shared_points});
   }
@@ -251,12 +249,7 @@ absl::Status DeltaReader::ReadPoints() {
       kPointsTable, map_row_.next_point.value(),
       [&](const PointRow& row) {
         points.push_back(std::make_shared<map::MapPoint>());
-        map::MapPoint& point = *points.back();
-        point.id = row.id;
-        point.position = row.position;
-        point.times_visible = row.times_visible;
-        point.times_found = row.times_found;
-        point.reference.keyframe = row.reference_keyframe;
+        SetFromRow(row, points.back().get());
         return absl::OkStatus();
       },
       [&](std::uint32_t id) {

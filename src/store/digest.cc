@@ -115,7 +115,7 @@ void AddKeyframe(const map::Keyframe& keyframe, Hasher* hasher) {
   hasher->Add(keyframe.camera_from_direct);
   hasher->Add(keyframe.direct_segment);
   hasher->Add(keyframe.parent);
-  AddFeatures(*keyframe.features, hasher);
+  AddFeatures(*keyframe.features.Get(), hasher);
   for (const PointId id : keyframe.points) hasher->Add(id);
   hasher->AddCount(keyframe.covisible.size());
   for (const map::CovisibilityEdge& edge : keyframe.covisible) {

@@ -21,11 +21,15 @@ class SqliteFeatureReader : public map::FeatureReader {
     CAIRN_ASSIGN_OR_RETURN(database_, OpenForReading(resolved_, &immutable_stamp_));
     if (!identity.IsAt(resolved_))
       return MakeFault(Fault::kMoved, "it was replaced while it was opened; open it again");
-    CAIRN_ASSIGN_OR_RETURN(num_words_, ReadNumWords(database_.get()));
-    CAIRN_ASSIGN_OR_RETURN(const std::int64_t levels, database_->QueryInt("SELECT orb_num_levels FROM map"));
+    return Prepare(database_.get());
+  }
+
+  absl::Status Prepare(Database* database) {
+    CAIRN_ASSIGN_OR_RETURN(num_words_, ReadNumWords(database));
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t levels, database->QueryInt("SELECT orb_num_levels FROM map"));
     num_levels_ = static_cast<int>(levels);
-    CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, database_->QueryInt("PRAGMA user_version"));
-    CAIRN_ASSIGN_OR_RETURN(select_, database_->Prepare(kFeaturesTable.SelectSql("WHERE keyframe = ?", format)));
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t format, database->QueryInt("PRAGMA user_version"));
+    CAIRN_ASSIGN_OR_RETURN(select_, database->Prepare(kFeaturesTable.SelectSql("WHERE keyframe = ?", format)));
     return absl::OkStatus();
   }
 
@@ -53,7 +57,7 @@ class SqliteFeatureReader : public map::FeatureReader {
 
   const std::string path_, resolved_;
   std::string immutable_stamp_;
-  std::unique_ptr<Database> database_;
+  std::unique_ptr<Database> database_;  // null: somebody else's
   std::optional<std::uint32_t> num_words_;
   int num_levels_ = 0;
   Statement select_;  // after the database: it goes first
@@ -66,6 +70,12 @@ absl::StatusOr<std::unique_ptr<map::FeatureReader>> OpenFeatureReader(const std:
                                                                       const FileIdentity& identity) {
   auto reader = std::make_unique<SqliteFeatureReader>(path, resolved);
   CAIRN_RETURN_IF_ERROR(reader->Open(identity));
+  return reader;
+}
+
+absl::StatusOr<std::unique_ptr<map::FeatureReader>> FeatureReaderWithin(Database* database, const std::string& path) {
+  auto reader = std::make_unique<SqliteFeatureReader>(path, "");
+  CAIRN_RETURN_IF_ERROR(reader->Prepare(database));
   return reader;
 }
 

@@ -7,6 +7,7 @@
 #include "base/status.h"
 #include "map/feature_cache.h"
 #include "store/file_paths.h"
+#include "store/sqlite.h"
 
 namespace cairn::store {
 
@@ -16,5 +17,8 @@ namespace cairn::store {
 absl::StatusOr<std::unique_ptr<map::FeatureReader>> OpenFeatureReader(const std::string& path,
                                                                       const std::string& resolved,
                                                                       const FileIdentity& identity);
+
+// The same within a transaction of `database`, which must last longer: of that revision, keypoints included.
+absl::StatusOr<std::unique_ptr<map::FeatureReader>> FeatureReaderWithin(Database* database, const std::string& path);
 
 }  // namespace cairn::store

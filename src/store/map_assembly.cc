@@ -24,28 +24,39 @@ void SortCovisible(map::Keyframe* keyframe) {
   });
 }
 
-PointIndex::PointIndex(const std::vector<PointRow>& points) {
-  std::uint32_t last = 0;
-  for (const PointRow& point : points) last = std::max(last, point.id.value());
-  constexpr std::size_t kMostPerPoint = 8, kAlwaysDense = 1 << 16;
-  if (last <= kMostPerPoint * points.size() + kAlwaysDense) {
-    dense_.resize(last + std::size_t{1});
-    for (std::size_t i = 0; i < points.size(); ++i) dense_[points[i].id.value()] = static_cast<std::uint32_t>(i + 1);
+void IdIndex::Reserve(std::uint32_t last, std::size_t count) {
+  constexpr std::size_t kMostPerEntity = 8, kAlwaysDense = 1 << 16;
+  if (last <= kMostPerEntity * count + kAlwaysDense) dense_.resize(last + std::size_t{1});
+}
+
+void IdIndex::Set(std::uint32_t id, std::size_t place) {
+  if (dense_.empty()) {
+    sparse_.emplace(id, place);
   } else {
-    for (std::size_t i = 0; i < points.size(); ++i) sparse_.emplace(points[i].id, i);
+    dense_[id] = static_cast<std::uint32_t>(place + 1);
   }
 }
 
-std::size_t PointIndex::Find(PointId id) const {
-  if (!dense_.empty()) {
-    return id.value() < dense_.size() && dense_[id.value()] > 0 ? dense_[id.value()] - 1 : kNone;
-  }
+std::size_t IdIndex::Find(std::uint32_t id) const {
+  if (!dense_.empty()) return id < dense_.size() && dense_[id] > 0 ? dense_[id] - 1 : kNone;
   const auto found = sparse_.find(id);
   return found == sparse_.end() ? kNone : found->second;
 }
 
-PointAnchor AnchorOf(const map::Keyframe& reference, std::uint32_t feature) {
-  return {reference.descriptors()[feature], reference.keypoints()[feature].octave};
+std::shared_ptr<map::MapPoint> PointBlocks::Next() {
+  if (used_ == kSize) {
+    block_ = std::make_shared<std::array<map::MapPoint, kSize>>();
+    used_ = 0;
+  }
+  return {block_, &(*block_)[used_++]};
+}
+
+void SetFromRow(const PointRow& row, map::MapPoint* point) {
+  point->id = row.id;
+  point->position = row.position;
+  point->reference.keyframe = row.reference_keyframe;
+  point->times_visible = row.times_visible;
+  point->times_found = row.times_found;
 }
 
 namespace {
@@ -62,6 +73,8 @@ class Assembly {
   }
   absl::Status LinkKeyframes();
   absl::Status CheckTree();
+  // False if it ended at a finding.
+  absl::StatusOr<bool> LinkObservations();
   absl::Status LinkPoints();
   // What a map of an older format has none of: components, next ids.
   void SetWhatFormat4Added();
@@ -104,68 +117,73 @@ absl::Status Assembly::CheckTree() {
   return Report("keyframes", 0, "the parents of some keyframes form a circle");
 }
 
-absl::Status Assembly::LinkPoints() {
-  const PointIndex index(rows_.points);
+absl::StatusOr<bool> Assembly::LinkObservations() {
+  const IdIndex index(rows_.points);
   std::vector<std::uint32_t> num_observations(rows_.points.size());
   for (const auto& keyframe : rows_.keyframes) {
     for (const PointId id : keyframe->points) {
-      const std::size_t row = id ? index.Find(id) : PointIndex::kNone;
-      if (row != PointIndex::kNone) ++num_observations[row];
+      const std::size_t row = id ? index.Find(id.value()) : IdIndex::kNone;
+      if (row != IdIndex::kNone) ++num_observations[row];
     }
   }
-  std::vector<std::shared_ptr<map::MapPoint>> in_order;
-  in_order.reserve(rows_.points.size());
-  for (const PointRow& row : rows_.points) {
-    auto point = std::make_shared<map::MapPoint>();
-    point->id = row.id;
-    point->position = row.position;
-    point->times_visible = row.times_visible;
-    point->times_found = row.times_found;
-    point->observations.reserve(num_observations[in_order.size()]);
-    in_order.push_back(std::move(point));
-  }
-  std::unordered_map<KeyframeId, Vector3d> center_of;
+  for (std::size_t i = 0; i < rows_.points.size(); ++i) rows_.points[i]->observations.reserve(num_observations[i]);
   for (const auto& keyframe : rows_.keyframes) {
-    center_of.emplace(keyframe->id, keyframe->CenterInMap());
     for (std::uint32_t i = 0; i < keyframe->points.size(); ++i) {
       if (!keyframe->points[i]) continue;
-      const std::size_t row = index.Find(keyframe->points[i]);
-      if (row == PointIndex::kNone) {
-        return Report("keyframe_points", keyframe->id.value(),
-                      absl::StrCat("point ", keyframe->points[i].value(), " is missing"));
+      const std::size_t row = index.Find(keyframe->points[i].value());
+      if (row == IdIndex::kNone) {
+        CAIRN_RETURN_IF_ERROR(Report("keyframe_points", keyframe->id.value(),
+                                     absl::StrCat("point ", keyframe->points[i].value(), " is missing")));
+        return false;
       }
-      auto& observations = in_order[row]->observations;
+      auto& observations = rows_.points[row]->observations;
       if (!observations.empty() && observations.back().keyframe == keyframe->id) {
-        return Report("keyframe_points", keyframe->id.value(),
-                      absl::StrCat("point ", keyframe->points[i].value(), " is there twice"));
+        CAIRN_RETURN_IF_ERROR(Report("keyframe_points", keyframe->id.value(),
+                                     absl::StrCat("point ", keyframe->points[i].value(), " is there twice")));
+        return false;
       }
       observations.push_back({keyframe->id, i});
     }
   }
+  return true;
+}
+
+absl::Status Assembly::LinkPoints() {
+  CAIRN_ASSIGN_OR_RETURN(const bool linked, LinkObservations());
+  if (!linked) return absl::OkStatus();
   std::unordered_map<CameraId, double> focal_px;
   for (const map::MapCamera& camera : rows_.content.cameras) focal_px.emplace(camera.id, camera.pinhole.fx_px);
+  const IdIndex index(rows_.keyframes);
+  std::vector<Vector3d> center_of;
+  center_of.reserve(rows_.keyframes.size());
+  for (const auto& keyframe : rows_.keyframes) center_of.push_back(keyframe->CenterInMap());
   std::vector<Vector3d> centers;
-  for (std::size_t i = 0; i < in_order.size(); ++i) {
-    map::MapPoint& point = *in_order[i];
+  for (std::size_t i = 0; i < rows_.points.size(); ++i) {
+    map::MapPoint& point = *rows_.points[i];
+    const KeyframeId reference_id = point.reference.keyframe;
     centers.clear();
-    bool has_reference = false;
+    std::size_t reference = IdIndex::kNone;
     for (const map::Observation& observation : point.observations) {
-      centers.push_back(center_of.at(observation.keyframe));
-      if (observation.keyframe != rows_.points[i].reference_keyframe) continue;
+      const std::size_t observer = index.Find(observation.keyframe.value());
+      centers.push_back(center_of[observer]);
+      if (observation.keyframe != reference_id) continue;
       point.reference = observation;
-      has_reference = true;
+      reference = observer;
     }
-    if (!has_reference) return Report("points", point.id.value(), "the reference keyframe does not observe the point");
-    const map::Keyframe& reference = *rows_.FindKeyframe(point.reference.keyframe.value());
-    const PointAnchor anchor = rows_.anchors.empty() ? AnchorOf(reference, point.reference.feature) : rows_.anchors[i];
-    point.descriptor = anchor.descriptor;
-    map::SetViewing(map::ComputeViewing(point.position, centers, center_of.at(reference.id), anchor.octave,
-                                        focal_px.at(reference.camera), rows_.map_row.info.orb),
+    if (reference == IdIndex::kNone) {
+      return Report("points", point.id.value(), "the reference keyframe does not observe the point");
+    }
+    const map::Keyframe& keyframe = *rows_.keyframes[reference];
+    if (rows_.octaves.empty()) point.descriptor = keyframe.descriptors()[point.reference.feature];
+    const int octave = rows_.octaves.empty() ? keyframe.keypoints()[point.reference.feature].octave : rows_.octaves[i];
+    map::SetViewing(map::ComputeViewing(point.position, centers, center_of[reference], octave,
+                                        focal_px.at(keyframe.camera), rows_.map_row.info.orb),
                     &point);
   }
+  rows_.octaves = {};
+  rows_.content.points.assign(std::make_move_iterator(rows_.points.begin()),
+                              std::make_move_iterator(rows_.points.end()));
   rows_.points = {};
-  rows_.anchors = {};
-  rows_.content.points.assign(std::make_move_iterator(in_order.begin()), std::make_move_iterator(in_order.end()));
   return absl::OkStatus();
 }
 

@@ -2,6 +2,8 @@
 // is added, and every reference is checked.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -19,24 +21,43 @@ namespace cairn::store {
 // Told of everything wrong. An error that it returns ends the reading; with OK the row at fault is left out.
 using FindingSink = std::function<absl::Status(const Finding&)>;
 
-// Rows of points by id.
-class PointIndex {
+// Places in a list of entities by their ids.
+class IdIndex {
  public:
   static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
-  explicit PointIndex(const std::vector<PointRow>& points);
-  std::size_t Find(PointId id) const;  // kNone: there is none
+  // Of entities behind pointers.
+  template <class Pointers>
+  explicit IdIndex(const Pointers& entities) {
+    std::uint32_t last = 0;
+    for (const auto& entity : entities) last = std::max(last, entity->id.value());
+    Reserve(last, entities.size());
+    for (std::size_t i = 0; i < entities.size(); ++i) Set(entities[i]->id.value(), i);
+  }
+  std::size_t Find(std::uint32_t id) const;  // kNone: there is none
 
  private:
-  std::vector<std::uint32_t> dense_;                 // by id, row + 1; empty if the ids are scattered
-  std::unordered_map<PointId, std::size_t> sparse_;  // then these
+  void Reserve(std::uint32_t last, std::size_t count);
+  void Set(std::uint32_t id, std::size_t place);
+
+  std::vector<std::uint32_t> dense_;                       // by id, place + 1; empty if the ids are scattered
+  std::unordered_map<std::uint32_t, std::size_t> sparse_;  // then these
 };
 
-// What a point takes from the features of its reference keyframe.
-struct PointAnchor {
-  image::Descriptor descriptor{};
-  std::uint8_t octave = 0;
+// Makes points that lie together in memory, which takes a quarter less of it and of the time than each by itself. A
+// block goes when the last of its points does; neighbours in ids are neighbours in space, and mostly go together.
+class PointBlocks {
+ public:
+  std::shared_ptr<map::MapPoint> Next();
+
+ private:
+  static constexpr std::size_t kSize = 32;
+  std::shared_ptr<std::array<map::MapPoint, kSize>> block_;
+  std::size_t used_ = kSize;
 };
+
+// What a row says of a point; the reference observation without its feature.
+void SetFromRow(const PointRow& row, map::MapPoint* point);
 
 // All tables of a map file but the vocabulary and the log of changes.
 struct MapRows {
@@ -45,8 +66,10 @@ struct MapRows {
   map::Delta content;  // cameras, sessions and components, ascending
   // Ascending, with features and the points they observe; without neighbours and children.
   std::vector<std::shared_ptr<map::Keyframe>> keyframes;
-  std::vector<PointRow> points;      // ascending
-  std::vector<PointAnchor> anchors;  // per point, if the features of keyframes are on demand; else empty
+  std::vector<std::shared_ptr<map::MapPoint>> points;  // ascending; what their rows say
+  // Per point the octave of its reference observation, if the features of keyframes are on demand; then its descriptor
+  // is there, too. Else empty.
+  std::vector<std::uint8_t> octaves;
   std::vector<EdgeRow> edges;
 
   map::Keyframe* FindKeyframe(std::int64_t id);  // null: none

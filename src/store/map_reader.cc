@@ -96,9 +96,9 @@ absl::Status MapReader::ReadTable(const TableSpec& table, Take take) {
   Row row;
   return ForEachRow(table, [&](const Statement& rows, std::int64_t id) -> absl::Status {
     Value value;
-    if (!row.ReadWithChecksum(rows)) return Report(table.name, id, "wrong checksum");
-    if (const absl::Status status = FromRow(rows, &value); !status.ok())
+    if (const absl::Status status = ReadChecked(rows, &row, &value); !status.ok()) {
       return Report(table.name, id, status.message());
+    }
     take(std::move(value));
     return absl::OkStatus();
   });
@@ -136,7 +136,11 @@ absl::Status MapReader::ReadEntities(const FeatureUse& use) {
   const auto read_points = [&] {
     // A count that is damaged is told later.
     rows_.points.reserve(static_cast<std::size_t>(std::clamp<std::int64_t>(rows_.map_row.point_count, 0, 1 << 24)));
-    return ReadTable<PointRow>(kPointsTable, [&](PointRow&& value) { rows_.points.push_back(value); });
+    PointBlocks blocks;
+    return ReadTable<PointRow>(kPointsTable, [&](const PointRow& value) {
+      rows_.points.push_back(blocks.Next());
+      SetFromRow(value, rows_.points.back().get());
+    });
   };
   // What points take from features that are not kept must be known while these go by.
   if (use.on_demand == nullptr) CAIRN_RETURN_IF_ERROR(ReadFeatures(use));
@@ -196,20 +200,21 @@ absl::Status MapReader::ReadTrajectories() {
   return absl::OkStatus();
 }
 
-void MapReader::SetAnchors(const map::Keyframe& keyframe, const image::Features& features, const PointIndex& index) {
+void MapReader::SetAnchors(const map::Keyframe& keyframe, const image::Features& features, const IdIndex& index) {
   for (std::uint32_t i = 0; i < keyframe.points.size(); ++i) {
-    const std::size_t row = keyframe.points[i] ? index.Find(keyframe.points[i]) : PointIndex::kNone;
-    if (row == PointIndex::kNone || rows_.points[row].reference_keyframe != keyframe.id) continue;
-    rows_.anchors[row] = {features.descriptors[i], features.keypoints[i].octave};
+    const std::size_t row = keyframe.points[i] ? index.Find(keyframe.points[i].value()) : IdIndex::kNone;
+    if (row == IdIndex::kNone || rows_.points[row]->reference.keyframe != keyframe.id) continue;
+    rows_.points[row]->descriptor = features.descriptors[i];
+    rows_.octaves[row] = features.keypoints[i].octave;
   }
 }
 
 absl::Status MapReader::ReadFeatures(const FeatureUse& use) {
   const absl::string_view table = kFeaturesTable.name;
-  std::optional<PointIndex> index;
+  std::optional<IdIndex> index;
   if (use.on_demand != nullptr) {
     index.emplace(rows_.points);
-    rows_.anchors.resize(rows_.points.size());
+    rows_.octaves.resize(rows_.points.size());
   }
   CAIRN_ASSIGN_OR_RETURN(const std::optional<std::uint32_t> num_words, ReadNumWords(database_));
   CAIRN_RETURN_IF_ERROR(ForEachRow(kFeaturesTable, [&](const Statement& row, std::int64_t id) -> absl::Status {

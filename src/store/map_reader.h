@@ -76,7 +76,7 @@ class MapReader {
   absl::Status ReadFeatures(const FeatureUse& use);
   absl::Status ReadPointIds(bool features_come_later);
   // Of the points whose descriptor comes from this keyframe, whose features are not kept.
-  void SetAnchors(const map::Keyframe& keyframe, const image::Features& features, const PointIndex& index);
+  void SetAnchors(const map::Keyframe& keyframe, const image::Features& features, const IdIndex& index);
   absl::Status CheckCounts();
 
   Database* database_;

@@ -55,7 +55,7 @@ class Mending {
   // A camera that is lost, from what its keyframes see: their keypoints are pixels of its pinhole.
   void EstimateCameras() {
     std::unordered_map<PointId, Vector3d> positions;
-    for (const PointRow& row : rows_.points) positions.emplace(row.id, row.position);
+    for (const auto& point : rows_.points) positions.emplace(point->id, point->position);
     std::map<CameraId, std::vector<SeenPoint>> seen;
     for (const auto& keyframe : rows_.keyframes) {
       if (Has(rows_.content.cameras, keyframe->camera) || !keyframe->features) continue;
@@ -144,7 +144,7 @@ class Mending {
   // Points that are lost, or that nothing sees any more. One that is left knows its place, however many have seen it.
   void DropPoints() {
     std::unordered_map<PointId, std::vector<const map::Keyframe*>> seen_by;
-    for (const PointRow& row : rows_.points) seen_by.emplace(row.id, std::vector<const map::Keyframe*>());
+    for (const auto& point : rows_.points) seen_by.emplace(point->id, std::vector<const map::Keyframe*>());
     for (const auto& keyframe : rows_.keyframes) {
       std::unordered_set<PointId> seen;
       for (PointId& id : keyframe->points) {
@@ -157,14 +157,15 @@ class Mending {
         }
       }
     }
-    std::erase_if(rows_.points, [&](PointRow& row) {
-      const std::vector<const map::Keyframe*>& observers = seen_by.at(row.id);
+    std::erase_if(rows_.points, [&](const auto& point) {
+      const std::vector<const map::Keyframe*>& observers = seen_by.at(point->id);
       if (observers.empty()) return true;
-      if (!IsAmong(observers, row.reference_keyframe)) row.reference_keyframe = MostTypical(row.id, observers);
+      KeyframeId& reference = point->reference.keyframe;
+      if (!IsAmong(observers, reference)) reference = MostTypical(point->id, observers);
       return false;
     });
     std::unordered_set<PointId> left;
-    for (const PointRow& row : rows_.points) left.insert(row.id);
+    for (const auto& point : rows_.points) left.insert(point->id);
     for (const auto& keyframe : rows_.keyframes) {
       for (PointId& id : keyframe->points) {
         if (id && !left.contains(id)) id = PointId();
@@ -269,8 +270,9 @@ class Mending {
       return next;
     };
     const auto own = [](const auto& entity) { return entity.id; };
-    row.next_keyframe = beyond(row.next_keyframe, rows_.keyframes, [](const auto& keyframe) { return keyframe->id; });
-    row.next_point = beyond(row.next_point, rows_.points, own);
+    const auto pointed = [](const auto& entity) { return entity->id; };
+    row.next_keyframe = beyond(row.next_keyframe, rows_.keyframes, pointed);
+    row.next_point = beyond(row.next_point, rows_.points, pointed);
     row.next_camera = beyond(row.next_camera, rows_.content.cameras, own);
     row.next_session = beyond(row.next_session, rows_.content.sessions, own);
     row.next_component = beyond(row.next_component, rows_.content.components, own);

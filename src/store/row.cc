@@ -1,7 +1,9 @@
 #include "store/row.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
+#include <cstring>
 #include <utility>
 
 #define XXH_INLINE_ALL
@@ -44,34 +46,43 @@ Row& Row::Null() {
 }
 
 std::int64_t Row::Checksum() const {
-  // Long texts and blobs do not occur in rows; 512 bytes hold most rows without another allocation.
-  std::string encoded;
-  encoded.reserve(512);
-  const auto append = [&encoded](std::int64_t value) {
-    encoded.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  // Long texts and blobs do not occur in rows; the buffer holds most rows without an allocation.
+  std::array<char, 512> buffer;
+  std::string longer;
+  std::size_t size = 0;
+  for (const Cell& cell : cells_) size += 1 + sizeof(std::int64_t) + cell.bytes.size();
+  char* encoded = buffer.data();
+  if (size > buffer.size()) {
+    longer.resize(size);
+    encoded = longer.data();
+  }
+  char* end = encoded;
+  const auto append = [&end](char letter, std::int64_t value) {
+    *end++ = letter;
+    std::memcpy(end, &value, sizeof(value));
+    end += sizeof(value);
   };
   for (const Cell& cell : cells_) {
     switch (cell.type) {
       case Statement::Type::kInteger:
-        encoded.push_back('i');
-        append(cell.bits);
+        append('i', cell.bits);
         break;
       case Statement::Type::kReal:
-        encoded.push_back('r');
-        append(cell.bits);
+        append('r', cell.bits);
         break;
       case Statement::Type::kText:
       case Statement::Type::kBlob:
-        encoded.push_back(cell.type == Statement::Type::kText ? 't' : 'b');
-        append(static_cast<std::int64_t>(cell.bytes.size()));
-        encoded.append(reinterpret_cast<const char*>(cell.bytes.data()), cell.bytes.size());
+        append(cell.type == Statement::Type::kText ? 't' : 'b', static_cast<std::int64_t>(cell.bytes.size()));
+        if (!cell.bytes.empty()) std::memcpy(end, cell.bytes.data(), cell.bytes.size());
+        end += cell.bytes.size();
         break;
       case Statement::Type::kNull:
-        encoded.push_back('n');
+        *end++ = 'n';
         break;
     }
   }
-  return static_cast<std::int32_t>(static_cast<std::uint32_t>(XXH64(encoded.data(), encoded.size(), 0)));
+  const std::uint64_t hash = XXH64(encoded, static_cast<std::size_t>(end - encoded), 0);
+  return static_cast<std::int32_t>(static_cast<std::uint32_t>(hash));
 }
 
 void Row::Bind(Statement* statement) const {
@@ -115,26 +126,21 @@ bool Row::SameAs(const Row& other) const {
 bool Row::ReadWithChecksum(const Statement& statement) {
   cells_.clear();
   const int last = statement.num_columns() - 1;
-  for (int column = 0; column < last; ++column) {
-    switch (statement.ColumnType(column)) {
-      case Statement::Type::kInteger:
-        Int(statement.Int(column));
-        break;
-      case Statement::Type::kReal:
-        Real(statement.Real(column));
-        break;
-      case Statement::Type::kText:
-        Text(statement.Text(column));
-        break;
-      case Statement::Type::kBlob:
-        Blob(statement.Blob(column));
-        break;
-      case Statement::Type::kNull:
-        Null();
-        break;
-    }
-  }
-  return statement.ColumnType(last) == Statement::Type::kInteger && statement.Int(last) == Checksum();
+  for (int column = 0; column < last; ++column) cells_.push_back(statement.Get(column));
+  const Cell checksum = statement.Get(last);
+  return checksum.type == Statement::Type::kInteger && checksum.bits == Checksum();
+}
+
+std::int64_t Row::IntAt(int cell) const {
+  const Cell& value = cells_[static_cast<std::size_t>(cell)];
+  if (value.type == Statement::Type::kInteger) return value.bits;
+  return value.type == Statement::Type::kReal ? static_cast<std::int64_t>(std::bit_cast<double>(value.bits)) : 0;
+}
+
+double Row::RealAt(int cell) const {
+  const Cell& value = cells_[static_cast<std::size_t>(cell)];
+  if (value.type == Statement::Type::kReal) return std::bit_cast<double>(value.bits);
+  return value.type == Statement::Type::kInteger ? static_cast<double>(value.bits) : 0.0;
 }
 
 }  // namespace cairn::store

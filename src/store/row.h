@@ -48,12 +48,12 @@ class Row {
   // The cells of the statement's current row but for the last, which holds their checksum; false if that does not fit.
   bool ReadWithChecksum(const Statement& statement);
 
+  // A cell as a statement gives it, for who has read many rows: without asking SQLite again. Cells count from 0.
+  std::int64_t IntAt(int cell) const;
+  double RealAt(int cell) const;
+
  private:
-  struct Cell {
-    Statement::Type type = Statement::Type::kNull;
-    std::int64_t bits = 0;  // the integer, or the bits of the double
-    Bytes bytes;            // of a text or blob
-  };
+  using Cell = Statement::Value;
   std::vector<Cell> cells_;
   std::forward_list<std::string> owned_;
 };

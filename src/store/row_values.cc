@@ -28,12 +28,13 @@ absl::Status OutOfRange(absl::string_view column) {
   return absl::DataLossError(absl::StrCat("column ", column, " is out of its range"));
 }
 
-bool ReadInt(const Statement& row, int column, int* value) {
-  const std::int64_t stored = row.Int(column);
+bool IntOf(std::int64_t stored, int* value) {
   if (stored < std::numeric_limits<int>::min() || stored > std::numeric_limits<int>::max()) return false;
   *value = static_cast<int>(stored);
   return true;
 }
+
+bool ReadInt(const Statement& row, int column, int* value) { return IntOf(row.Int(column), value); }
 
 bool ReadRevision(const Statement& row, int column, Revision* revision) {
   if (row.Int(column) < 0) return false;

@@ -18,13 +18,19 @@ namespace cairn::store {
 // What FromRow() says of a value that cannot be; `column`: as it is called in the table.
 absl::Status OutOfRange(absl::string_view column);
 
-// Each from `column` on; false if it is out of its range.
+// Each false if the value is out of its range.
 template <class IdType>
-bool ReadId(const Statement& row, int column, IdType* id) {
-  const std::int64_t value = row.Int(column);
+bool IdOf(std::int64_t value, IdType* id) {
   if (value < 1 || value > std::numeric_limits<std::uint32_t>::max()) return false;
   *id = IdType(static_cast<std::uint32_t>(value));
   return true;
+}
+bool IntOf(std::int64_t stored, int* value);
+
+// The same from `column` on.
+template <class IdType>
+bool ReadId(const Statement& row, int column, IdType* id) {
+  return IdOf(row.Int(column), id);
 }
 // 0: none.
 template <class IdType>

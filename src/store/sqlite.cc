@@ -2,6 +2,7 @@
 
 #include <sqlite3.h>
 
+#include <bit>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -161,19 +162,54 @@ void Statement::Reset() { sqlite3_reset(handle_); }
 
 int Statement::num_columns() const { return sqlite3_column_count(handle_); }
 
-Statement::Type Statement::ColumnType(int column) const {
-  switch (sqlite3_column_type(handle_, column)) {
+namespace {
+
+Statement::Type TypeOf(int code) {
+  switch (code) {
     case SQLITE_INTEGER:
-      return Type::kInteger;
+      return Statement::Type::kInteger;
     case SQLITE_FLOAT:
-      return Type::kReal;
+      return Statement::Type::kReal;
     case SQLITE_TEXT:
-      return Type::kText;
+      return Statement::Type::kText;
     case SQLITE_BLOB:
-      return Type::kBlob;
+      return Statement::Type::kBlob;
     default:
-      return Type::kNull;
+      return Statement::Type::kNull;
   }
+}
+
+}  // namespace
+
+Statement::Type Statement::ColumnType(int column) const { return TypeOf(sqlite3_column_type(handle_, column)); }
+
+Statement::Value Statement::Get(int column) const {
+  // Connections are of one thread at a time (SQLITE_OPEN_NOMUTEX), so that these values may be looked at as they are:
+  // https://sqlite.org/c3ref/value.html.
+  sqlite3_value* stored = sqlite3_column_value(handle_, column);
+  Value value;
+  value.type = TypeOf(sqlite3_value_type(stored));
+  switch (value.type) {
+    case Type::kInteger:
+      value.bits = sqlite3_value_int64(stored);
+      break;
+    case Type::kReal:
+      value.bits = std::bit_cast<std::int64_t>(sqlite3_value_double(stored));
+      break;
+    case Type::kText: {
+      const auto* text = sqlite3_value_text(stored);
+      if (text != nullptr) value.bytes = {text, static_cast<std::size_t>(sqlite3_value_bytes(stored))};
+      break;
+    }
+    case Type::kBlob: {
+      const auto* blob = static_cast<const std::uint8_t*>(sqlite3_value_blob(stored));
+      if (blob != nullptr) value.bytes = {blob, static_cast<std::size_t>(sqlite3_value_bytes(stored))};
+      break;
+    }
+    case Type::kNull:
+      break;
+  }
+  return value;
 }
 
 std::int64_t Statement::Int(int column) const { return sqlite3_column_int64(handle_, column); }

@@ -421,8 +421,22 @@ absl::StatusOr<std::vector<LoggedChange>> SqliteMapStore::ReadChanges(const Chan
 }
 
 absl::StatusOr<std::string> SqliteMapStore::ContentDigest() {
-  CAIRN_ASSIGN_OR_RETURN(const auto snapshot, LoadSnapshot());
-  return store::ContentDigest(*snapshot);
+  auto digest = [&]() -> absl::StatusOr<std::string> {
+    CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
+                           Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+    CAIRN_ASSIGN_OR_RETURN(auto features, FeatureReaderWithin(database_.get(), path_));
+    const auto cache = map::FeatureCache::Create(std::move(features), /*budget_bytes=*/0);
+    MapReader reader(database_.get(), DamagedBy);
+    CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    CAIRN_RETURN_IF_ERROR(reader.ReadEntities({cache.get()}));
+    CAIRN_ASSIGN_OR_RETURN(const auto snapshot, reader.Assemble());
+    std::string hash = store::ContentDigest(*snapshot);
+    CAIRN_RETURN_IF_ERROR(cache->status());
+    CAIRN_RETURN_IF_ERROR(CheckUnchanged());
+    return hash;
+  }();
+  if (!digest.ok()) return Annotated(digest.status());
+  return digest;
 }
 
 absl::Status SqliteMapStore::CopyTo(const std::string& path) {

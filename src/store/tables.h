@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <type_traits>
 
 #include "base/status.h"
 #include "map/entities.h"
@@ -111,8 +112,20 @@ absl::Status FromRow(const Statement& row, map::Component* value);
 absl::Status FromRow(const Statement& row, LoopRow* value);
 absl::Status FromRow(const Statement& row, TrajectoryRow* value);
 absl::Status FromRow(const Statement& row, map::Keyframe* value);
-absl::Status FromRow(const Statement& row, PointRow* value);
 absl::Status FromRow(const Statement& row, EdgeRow* value);
 absl::Status FromRow(const Statement& row, LoggedChange* value);
+// Of points there are so many that a row is looked at once.
+absl::Status FromCells(const Row& row, PointRow* value);
+
+// Reads the current row with its checksum: DataLoss (as of FromRow) if that is wrong, too. `row` is for use again.
+template <class Value>
+absl::Status ReadChecked(const Statement& rows, Row* row, Value* value) {
+  if (!row->ReadWithChecksum(rows)) return absl::DataLossError("wrong checksum");
+  if constexpr (std::is_same_v<Value, PointRow>) {
+    return FromCells(*row, value);
+  } else {
+    return FromRow(rows, value);
+  }
+}
 
 }  // namespace cairn::store

@@ -43,13 +43,13 @@ Row RowOf(const PointRow& value, Revision revision) {
   return row;
 }
 
-absl::Status FromRow(const Statement& row, PointRow* value) {
-  if (!ReadId(row, 0, &value->id)) return OutOfRange("id");
-  value->position = Vector3d(row.Real(1), row.Real(2), row.Real(3));
+absl::Status FromCells(const Row& row, PointRow* value) {
+  if (!IdOf(row.IntAt(0), &value->id)) return OutOfRange("id");
+  value->position = Vector3d(row.RealAt(1), row.RealAt(2), row.RealAt(3));
   if (!value->position.allFinite()) return OutOfRange("x, y, z");
-  if (!ReadId(row, 4, &value->reference_keyframe)) return OutOfRange("reference_keyframe");
-  if (!ReadInt(row, 5, &value->times_visible)) return OutOfRange("times_visible");
-  if (!ReadInt(row, 6, &value->times_found)) return OutOfRange("times_found");
+  if (!IdOf(row.IntAt(4), &value->reference_keyframe)) return OutOfRange("reference_keyframe");
+  if (!IntOf(row.IntAt(5), &value->times_visible)) return OutOfRange("times_visible");
+  if (!IntOf(row.IntAt(6), &value->times_found)) return OutOfRange("times_found");
   return absl::OkStatus();
 }
 

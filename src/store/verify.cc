@@ -1,4 +1,5 @@
 // SqliteMapStore::Verify.
+#include <memory>
 #include <utility>
 
 #include "store/map_open.h"
@@ -11,6 +12,14 @@ namespace {
 
 // A file that is damaged all over is not described any better by a longer list.
 constexpr std::size_t kMaxFindings = 1000;
+
+// Nobody looks at features once they have gone by.
+class NoFeatures : public map::FeatureReader {
+ public:
+  absl::StatusOr<std::shared_ptr<const map::KeyframeFeatures>> Read(KeyframeId keyframe) override {
+    return absl::InternalError(absl::StrCat("the features of keyframe ", keyframe.value(), " were asked for again"));
+  }
+};
 
 class Verification {
  public:
@@ -63,7 +72,9 @@ class Verification {
   absl::Status CheckContent() {
     MapReader reader(database_, Sink());
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
-    CAIRN_RETURN_IF_ERROR(reader.ReadEntities());
+    // Features are checked as they go by; all of them at once would take most of the memory of a large map.
+    const auto cache = map::FeatureCache::Create(std::make_unique<NoFeatures>(), /*budget_bytes=*/0);
+    CAIRN_RETURN_IF_ERROR(reader.ReadEntities({cache.get()}));
     CAIRN_RETURN_IF_ERROR(reader.CheckVocabulary());
     CAIRN_RETURN_IF_ERROR(reader.CheckChanges());
     if (!findings_.empty()) return absl::OkStatus();
