@@ -268,6 +268,30 @@ TEST_P(MapAdminConformance, PlacesAMapOnTheEarth) {
   EXPECT_FALSE(service_->Describe("room")->summary.geo_anchor);
 }
 
+TEST_P(MapAdminConformance, ScalesAMapByAKnownDistance) {
+  const map::Snapshot& map = *TheConformanceMap().snapshot;
+  std::vector<KeyframeId> ids;
+  map.keyframes().ForEach([&](const auto& keyframe) { ids.push_back(keyframe->id); });
+  api::KnownPlaces known;
+  known.distances = {{ids.front(), ids.back(), 12.5}};
+  api::AlignRequest request;
+  request.by = known;
+  EXPECT_EQ(service_->Align("room", request).status().code(), absl::StatusCode::kAlreadyExists);
+  request.overwrite = true;
+  const auto answer = service_->Align("room", request);
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  ASSERT_TRUE(answer->component);
+  EXPECT_THAT(answer->component->errors_m, ::testing::ElementsAre(::testing::DoubleNear(0.0, 1e-9)));
+  const Sim3& world = answer->component->world_from_component;
+  const Vector3d from = world * map.keyframe(ids.front()).CenterInMap();
+  EXPECT_NEAR((world * map.keyframe(ids.back()).CenterInMap() - from).norm(), 12.5, 1e-9);
+  EXPECT_TRUE(answer->component->moved_m);
+  std::get<api::KnownPlaces>(request.by).distances[0].to = PointId(1'000'000);
+  EXPECT_EQ(service_->Align("room", request).status().code(), absl::StatusCode::kNotFound);
+  request.by = api::KnownPlaces();
+  EXPECT_EQ(service_->Align("room", request).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
 // Positions of keyframes of a map that is aligned find where its world is.
 TEST_P(MapAdminConformance, PlacesAMapByPositionsOfItsKeyframes) {
   const map::GeoAnchor truth{60.1699, 24.9384, 30.0, Quaterniond(ExpSO3(Vector3d(0.1, -0.2, 2.5)))};

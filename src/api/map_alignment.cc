@@ -24,6 +24,7 @@ absl::Status Check(const GeoPositions& reference) {
 
 absl::Status Check(const map::GeoAnchor& anchor) { return Annotate(anchor.Validate(), "align"); }
 absl::Status Check(const NoGeoAnchor&) { return absl::OkStatus(); }
+absl::Status Check(const KnownPlaces& known) { return known.Validate(); }
 
 }  // namespace
 

@@ -10,6 +10,7 @@
 #include <variant>
 #include <vector>
 
+#include "api/known_places.h"
 #include "base/ids.h"
 #include "base/status.h"
 #include "geometry/geodesy.h"
@@ -43,7 +44,7 @@ struct NoGeoAnchor {};
 
 struct AlignRequest {
   // A GeoAnchor is set as it is: of a map of which something is aligned.
-  std::variant<ReferencePoses, GeoPositions, map::GeoAnchor, NoGeoAnchor> by;
+  std::variant<ReferencePoses, GeoPositions, map::GeoAnchor, NoGeoAnchor, KnownPlaces> by;
   std::string source;      // how messages name the reference: the name of its file
   ComponentId component;   // none: the one with most keyframes that have a reference
   SessionId session;       // only its keyframes; none: all
@@ -75,6 +76,7 @@ struct ComponentAlignment {
   bool orientations_used = false;
   double camera_in_body_m = 0.0;  // of a body: how far the camera sits from its centre
   double camera_in_body_sigma_m = 0.0;
+  std::vector<double> errors_m;   // of KnownPlaces, per position or distance: how far it is off then
   std::optional<double> moved_m;  // by which its keyframes moved (median), if it was aligned before
   struct Other {
     ComponentId component;

@@ -6,9 +6,9 @@
 
 #include "care/pruning.h"
 #include "care/testing_room.h"
-#include "care/testing_two_visits.h"
 #include "care/whole_map.h"
 #include "engine/live_map.h"
+#include "map/testing_two_visits.h"
 #include "store/digest.h"
 #include "store/testing_failing_vfs.h"
 #include "store/testing_files.h"

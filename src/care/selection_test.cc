@@ -3,9 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "care/testing_two_visits.h"
 #include "care/whole_map.h"
 #include "map/plausibility.h"
+#include "map/testing_two_visits.h"
 
 namespace cairn::care {
 namespace {
@@ -17,7 +17,7 @@ void ExpectGood(const map::Snapshot& map) {
 }
 
 TEST(SelectKeyframes, ASessionBecomesAMap) {
-  const testing::TwoVisits visits = testing::MakeTwoVisits();
+  const map::testing::TwoVisits visits = map::testing::MakeTwoVisits();
   const map::MapInfo info = NewMapInfo(visits.map->info(), "part");
   // The second session has not made the root.
   const auto part = SelectKeyframes(*visits.map, info,
@@ -41,7 +41,7 @@ TEST(SelectKeyframes, ASessionBecomesAMap) {
 }
 
 TEST(SelectKeyframes, PartsComeToTheWhole) {
-  const testing::TwoVisits visits = testing::MakeTwoVisits();
+  const map::testing::TwoVisits visits = map::testing::MakeTwoVisits();
   std::size_t keyframes = 0;
   for (const ComponentId id : visits.map->LiveComponents()) {
     const auto part = SelectKeyframes(*visits.map, visits.map->info(),

@@ -3,9 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "care/testing_two_visits.h"
 #include "care/whole_map.h"
 #include "map/plausibility.h"
+#include "map/testing_two_visits.h"
 #include "store/testing_maps.h"
 
 namespace cairn::care {
@@ -19,7 +19,7 @@ class SessionRemovalTest : public ::testing::Test {
   }
   const map::Snapshot& map() { return live_->Published()->map(); }
 
-  const testing::TwoVisits visits_ = testing::MakeTwoVisits();
+  const map::testing::TwoVisits visits_ = map::testing::MakeTwoVisits();
   const store::testing::TempFolder folder_;
   const std::string path_ = folder_.File("visits.cairn");
   std::unique_ptr<engine::LiveMap> live_;

@@ -1,5 +1,5 @@
-// What aligning by poses and by geographic positions have in common: the components of a map, and what a reference says
-// about each. For map_alignment.cc and its parts.
+// What aligning by poses, by geographic positions and by known places have in common: the components of a map, and what
+// a reference says about each. For map_alignment.cc and its parts.
 #pragma once
 
 #include <optional>
@@ -39,6 +39,12 @@ absl::StatusOr<api::ComponentAlignment> AlignByPoses(const std::string& map, con
                                                      map::Edit* edit);
 absl::StatusOr<api::ComponentAlignment> AlignByPositions(const std::string& map, const api::AlignRequest& request,
                                                          map::Edit* edit);
+
+// By api::KnownPlaces: closed forms over a few numbers. NotFound for a landmark that there is not, AlreadyExists for
+// what would have to be overwritten, FailedPrecondition for what leaves something open or contradicts itself,
+// InvalidArgument for landmarks of several components.
+absl::StatusOr<api::ComponentAlignment> AlignByPlaces(const std::string& map, const api::AlignRequest& request,
+                                                      map::Edit* edit);
 
 void PutAlignment(ComponentId component, const Sim3& world_from_component, map::Edit* edit);
 

@@ -111,6 +111,12 @@ struct Made {
   std::string reason;
 };
 
+absl::StatusOr<Made> Aligned(absl::StatusOr<api::ComponentAlignment> aligned, absl::string_view how) {
+  CAIRN_RETURN_IF_ERROR(aligned.status());
+  const auto id = aligned->component.value();
+  return Made{*std::move(aligned), absl::StrCat("align component ", id, " ", how)};
+}
+
 absl::StatusOr<Made> Make(const std::string& map, const api::AlignRequest& request, map::Edit* edit) {
   if (const auto* anchor = std::get_if<map::GeoAnchor>(&request.by)) {
     CAIRN_RETURN_IF_ERROR(SetAnchor(map, *anchor, request, edit));
@@ -120,12 +126,12 @@ absl::StatusOr<Made> Make(const std::string& map, const api::AlignRequest& reque
     CAIRN_RETURN_IF_ERROR(SetAnchor(map, std::nullopt, request, edit));
     return Made{std::nullopt, "remove the geographic anchor"};
   }
-  const bool by_poses = std::holds_alternative<api::ReferencePoses>(request.by);
-  CAIRN_ASSIGN_OR_RETURN(api::ComponentAlignment aligned,
-                         by_poses ? AlignByPoses(map, request, edit) : AlignByPositions(map, request, edit));
-  const auto id = aligned.component.value();
-  return Made{std::move(aligned), by_poses ? absl::StrCat("align component ", id, " to the world")
-                                           : absl::StrCat("align component ", id, " by geographic positions")};
+  if (std::holds_alternative<api::KnownPlaces>(request.by)) {
+    return Aligned(AlignByPlaces(map, request, edit), "by known places");
+  }
+  return std::holds_alternative<api::ReferencePoses>(request.by)
+             ? Aligned(AlignByPoses(map, request, edit), "to the world")
+             : Aligned(AlignByPositions(map, request, edit), "by geographic positions");
 }
 
 bool Same(const std::optional<map::GeoAnchor>& a, const std::optional<map::GeoAnchor>& b) {

@@ -88,6 +88,35 @@ TEST(ConvertAlignment, WhatIsNoRequest) {
   EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
+TEST(ConvertAlignment, KnownPlacesComeBackWhole) {
+  api::KnownPlaces known;
+  known.positions = {{PointId(3), Vector3d(1, 2, 3)}, {KeyframeId(4), Vector3d(4, 5, 6)}};
+  known.distances = {{api::SeenAt{KeyframeId(5), Vector2d(6.5, 7.25)}, PointId(8), 9.5}};
+  known.gravity = Vector3d(0, 9.8, 0.5);
+  known.upright_cameras = true;
+  api::AlignRequest request;
+  request.by = known;
+  v1::AlignMapRequest message;
+  ToProto(request, &message);
+  const auto back = FromProto(OverTheWire(message));
+  ASSERT_TRUE(back.ok()) << back.status();
+  const auto& read = std::get<api::KnownPlaces>(back->by);
+  ASSERT_EQ(read.positions.size(), 2u);
+  EXPECT_EQ(std::get<PointId>(read.positions[0].of), PointId(3));
+  EXPECT_EQ(read.positions[0].world_m, Vector3d(1, 2, 3));
+  EXPECT_EQ(std::get<KeyframeId>(read.positions[1].of), KeyframeId(4));
+  ASSERT_EQ(read.distances.size(), 1u);
+  const auto& seen = std::get<api::SeenAt>(read.distances[0].from);
+  EXPECT_EQ(seen.keyframe, KeyframeId(5));
+  EXPECT_EQ(seen.pixel, Vector2d(6.5, 7.25));
+  EXPECT_EQ(std::get<PointId>(read.distances[0].to), PointId(8));
+  EXPECT_EQ(read.distances[0].metres, 9.5);
+  EXPECT_EQ(read.gravity, Vector3d(0, 9.8, 0.5));
+  EXPECT_TRUE(read.upright_cameras);
+  message.mutable_places()->mutable_positions(0)->clear_of();
+  EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument) << "of nothing";
+}
+
 TEST(ConvertAlignment, AnswersComeBackWhole) {
   api::AlignAnswer answer;
   answer.revision = 12;
@@ -104,6 +133,7 @@ TEST(ConvertAlignment, AnswersComeBackWhole) {
   found.orientations.kind = OrientationKind::kBody;
   found.orientations.camera_from_body = Quaterniond(ExpSO3(Vector3d(0.0, 0.5, 0.0)));
   found.orientations_used = true;
+  found.errors_m = {0.25, 0.5};
   found.moved_m = 0.0;
   found.others = {{ComponentId(1), 5, 4, true}};
   v1::AlignMapResponse message;
@@ -119,6 +149,7 @@ TEST(ConvertAlignment, AnswersComeBackWhole) {
   EXPECT_THAT(back->component->misfits_s, testing::ElementsAre(1.5));
   EXPECT_EQ(back->component->orientations.kind, OrientationKind::kBody);
   EXPECT_EQ(back->component->orientations.camera_from_body.coeffs(), found.orientations.camera_from_body.coeffs());
+  EXPECT_THAT(back->component->errors_m, testing::ElementsAre(0.25, 0.5));
   EXPECT_EQ(back->component->moved_m, 0.0);
   EXPECT_EQ(back->component->others[0].with_reference, 4);
   message.mutable_component()->clear_moved_m();

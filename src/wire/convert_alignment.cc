@@ -55,6 +55,70 @@ void WriteBy(const api::GeoPositions& reference, v1::AlignMapRequest* out) {
   }
 }
 
+void WriteLandmark(const api::Landmark& landmark, v1::Landmark* out) {
+  if (const auto* point = std::get_if<PointId>(&landmark)) {
+    out->set_point(point->value());
+  } else if (const auto* keyframe = std::get_if<KeyframeId>(&landmark)) {
+    out->set_keyframe(keyframe->value());
+  } else {
+    const auto& seen = std::get<api::SeenAt>(landmark);
+    out->mutable_seen()->set_keyframe(seen.keyframe.value());
+    out->mutable_seen()->set_x_px(seen.pixel.x());
+    out->mutable_seen()->set_y_px(seen.pixel.y());
+  }
+}
+
+absl::StatusOr<api::Landmark> ReadLandmark(const v1::Landmark& message) {
+  switch (message.place_case()) {
+    case v1::Landmark::kPoint:
+      return PointId(message.point());
+    case v1::Landmark::kKeyframe:
+      return KeyframeId(message.keyframe());
+    case v1::Landmark::kSeen:
+      return api::SeenAt{KeyframeId(message.seen().keyframe()), {message.seen().x_px(), message.seen().y_px()}};
+    case v1::Landmark::PLACE_NOT_SET:
+      break;
+  }
+  return absl::InvalidArgumentError("align: a place is a point, a keyframe, or what is seen in one");
+}
+
+void WriteBy(const api::KnownPlaces& known, v1::AlignMapRequest* out) {
+  v1::KnownPlaces* places = out->mutable_places();
+  for (const api::KnownPosition& known_position : known.positions) {
+    v1::KnownPlaces::Position* position = places->add_positions();
+    WriteLandmark(known_position.of, position->mutable_of());
+    Write(known_position.world_m, position->mutable_world_m());
+  }
+  for (const api::KnownDistance& known_distance : known.distances) {
+    v1::KnownPlaces::Distance* distance = places->add_distances();
+    WriteLandmark(known_distance.from, distance->mutable_from());
+    WriteLandmark(known_distance.to, distance->mutable_to());
+    distance->set_metres(known_distance.metres);
+  }
+  if (known.gravity) Write(*known.gravity, places->mutable_gravity());
+  places->set_upright_cameras(known.upright_cameras);
+}
+
+absl::StatusOr<api::KnownPlaces> ReadPlaces(const v1::KnownPlaces& message) {
+  api::KnownPlaces known;
+  for (const v1::KnownPlaces::Position& position : message.positions()) {
+    api::KnownPosition& place = known.positions.emplace_back();
+    CAIRN_ASSIGN_OR_RETURN(place.of, ReadLandmark(position.of()));
+    CAIRN_ASSIGN_OR_RETURN(place.world_m, Read(position.world_m()));
+  }
+  for (const v1::KnownPlaces::Distance& distance : message.distances()) {
+    api::KnownDistance& places = known.distances.emplace_back();
+    CAIRN_ASSIGN_OR_RETURN(places.from, ReadLandmark(distance.from()));
+    CAIRN_ASSIGN_OR_RETURN(places.to, ReadLandmark(distance.to()));
+    places.metres = distance.metres();
+  }
+  if (message.has_gravity()) {
+    CAIRN_ASSIGN_OR_RETURN(known.gravity, Read(message.gravity()));
+  }
+  known.upright_cameras = message.upright_cameras();
+  return known;
+}
+
 void WriteBy(const map::GeoAnchor& anchor, v1::AlignMapRequest* out) { ToProto(anchor, out->mutable_anchor()); }
 void WriteBy(const api::NoGeoAnchor&, v1::AlignMapRequest* out) { out->set_remove_anchor(true); }
 
@@ -103,6 +167,7 @@ void WriteComponent(const api::ComponentAlignment& found, Alignment* out) {
   out->set_difference_rad(found.orientations.difference_rad);
   out->set_camera_in_body_m(found.camera_in_body_m);
   out->set_camera_in_body_sigma_m(found.camera_in_body_sigma_m);
+  for (const double error_m : found.errors_m) out->add_errors_m(error_m);
   if (found.moved_m) out->set_moved_m(*found.moved_m);
   for (const api::ComponentAlignment::Other& other : found.others) {
     Alignment::Other* told = out->add_others();
@@ -135,6 +200,7 @@ absl::StatusOr<api::ComponentAlignment> ReadComponent(const Alignment& message) 
   found.orientations.difference_rad = message.difference_rad();
   found.camera_in_body_m = message.camera_in_body_m();
   found.camera_in_body_sigma_m = message.camera_in_body_sigma_m();
+  found.errors_m.assign(message.errors_m().begin(), message.errors_m().end());
   if (message.has_moved_m()) found.moved_m = message.moved_m();
   for (const Alignment::Other& other : message.others()) {
     found.others.push_back(
@@ -192,6 +258,10 @@ absl::StatusOr<api::AlignRequest> FromProto(const v1::AlignMapRequest& message) 
       CAIRN_ASSIGN_OR_RETURN(request.by, ReadPositions(message.positions()));
       break;
     }
+    case v1::AlignMapRequest::kPlaces: {
+      CAIRN_ASSIGN_OR_RETURN(request.by, ReadPlaces(message.places()));
+      break;
+    }
     case v1::AlignMapRequest::kAnchor: {
       CAIRN_ASSIGN_OR_RETURN(request.by, FromProto(message.anchor()));
       break;
@@ -201,7 +271,7 @@ absl::StatusOr<api::AlignRequest> FromProto(const v1::AlignMapRequest& message) 
       if (message.remove_anchor()) break;
       [[fallthrough]];
     case v1::AlignMapRequest::BY_NOT_SET:
-      return absl::InvalidArgumentError("align: poses, positions, anchor or remove_anchor is needed");
+      return absl::InvalidArgumentError("align: poses, positions, places, anchor or remove_anchor is needed");
   }
   request.source = message.source().empty() ? "the reference" : message.source();
   request.component = ComponentId(message.component());

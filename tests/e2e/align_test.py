@@ -7,6 +7,7 @@ import tempfile
 import unittest
 
 from cairn_cli import cairn, must
+from served_maps import Server
 
 
 def read_poses(path):
@@ -240,8 +241,14 @@ class Align(unittest.TestCase):
         self.assertEqual(cairn('align', map_file, '--distance', distance).code, 1)
         twice = must('align', map_file, '--distance', f"point {points[0]['id']} point {points[1]['id']} {2 * apart}", '--overwrite')
         self.assertAlmostEqual(twice['scale'], 2 * aligned['scale'], delta=1e-3 * aligned['scale'])
-        answer = cairn('--server', 'localhost:1', 'align', 'office', '--distance', distance)
-        self.assertEqual(answer.code, 2)
+        # The same through a server.
+        maps = self.folder / 'served'
+        maps.mkdir()
+        shutil.copy(self.copy(), maps / 'office.cairn')
+        server = Server(maps)
+        served = must('--server', server.address, 'align', 'office', '--distance', distance, '--gravity', 'cameras')
+        self.assertEqual(server.stop(), 0)
+        self.assertEqual((served['scale'], served['component']), (aligned['scale'], aligned['component']))
 
 
 def at(row):

@@ -48,6 +48,9 @@ absl::StatusOr<api::AlignRequest> RequestOf(const AlignOptions& options, std::op
     poses.solver.use_orientations = !options.positions_only;
     request.by = std::move(poses);
     request.source = options.groundtruth;
+  } else if (!options.known.empty()) {
+    CAIRN_ASSIGN_OR_RETURN(request.by, ReadKnownPlaces(options.known));
+    request.source = options.known.positions;
   } else if (!options.geo.positions.empty()) {
     CAIRN_ASSIGN_OR_RETURN(request.by, ReadGeoPositions(options.geo.positions));
     request.source = options.geo.positions;
@@ -75,6 +78,10 @@ absl::Status Align(const AlignOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const api::AlignRequest request, RequestOf(options, &reference));
   CAIRN_ASSIGN_OR_RETURN(const api::AlignAnswer answer,
                          options.server.empty() ? AlignFile(options.map, request) : AlignServed(options, request));
+  if (!options.known.empty()) {
+    PrintKnownAlignment(options.map, answer, options.json);
+    return absl::OkStatus();
+  }
   const AlignReport report{options.map, reference ? &*reference : nullptr, options.positions_only, answer};
   if (options.json) {
     PrintJson(AlignReportAsJson(report));
@@ -173,15 +180,6 @@ void AddAlignCommand(CLI::App& app, Action* action) {
       if (asked + static_cast<int>(known) != 1) {
         return FailUsage("align", "give one of --groundtruth, --geo, --geo-positions, --points and --distance",
                          options->json);
-      }
-      if (known && !options->server.empty()) {
-        return FailUsage("align", "--points, --distance and --gravity need the map file: not with --server",
-                         options->json);
-      }
-      if (known) {
-        options->known.overwrite = options->overwrite;
-        options->known.force = options->force;
-        return AlignByKnown(options->map, options->known, options->json);
       }
       const absl::Status status = Align(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("align", status, options->json);

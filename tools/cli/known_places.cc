@@ -5,9 +5,7 @@
 #include <memory>
 
 #include "absl/strings/numbers.h"
-#include "care/known_places.h"
 #include "cli/cli.h"
-#include "engine/live_map.h"
 #include "io/text_lines.h"
 #include "text/text.h"
 
@@ -29,13 +27,39 @@ absl::StatusOr<Vector3d> VectorFrom(const std::vector<std::string>& words) {
   return good ? absl::StatusOr<Vector3d>(vector) : absl::InvalidArgumentError("three numbers X Y Z are needed");
 }
 
-absl::StatusOr<std::vector<care::KnownPosition>> ReadPositions(const std::string& path) {
+// Takes its words from the front.
+absl::StatusOr<api::Landmark> TakeLandmark(std::vector<std::string>* words) {
+  const absl::Status wanted = absl::InvalidArgumentError(
+      "a place is \"point ID\", \"keyframe ID\" or \"pixel KEYFRAME X Y\" (undistorted image)");
+  std::uint32_t id = 0;
+  if (words->size() < 2 || !absl::SimpleAtoi((*words)[1], &id) || id == 0) return wanted;
+  const std::string kind = (*words)[0];
+  std::size_t used = 2;
+  api::Landmark landmark = PointId(id);
+  if (kind == "keyframe") {
+    landmark = KeyframeId(id);
+  } else if (kind == "pixel") {
+    api::SeenAt seen{KeyframeId(id), {}};
+    used = 4;
+    if (words->size() < used || !absl::SimpleAtod((*words)[2], &seen.pixel.x()) ||
+        !absl::SimpleAtod((*words)[3], &seen.pixel.y())) {
+      return wanted;
+    }
+    landmark = seen;
+  } else if (kind != "point") {
+    return wanted;
+  }
+  words->erase(words->begin(), words->begin() + static_cast<std::ptrdiff_t>(used));
+  return landmark;
+}
+
+absl::StatusOr<std::vector<api::KnownPosition>> ReadPositions(const std::string& path) {
   CAIRN_ASSIGN_OR_RETURN(const io::TextTable table, io::ReadTable(path));
-  std::vector<care::KnownPosition> positions;
+  std::vector<api::KnownPosition> positions;
   for (const io::TextLine& line : table.lines) {
     std::vector<std::string> words = WordsOf(line.text);
-    care::KnownPosition position;
-    absl::StatusOr<care::Landmark> landmark = care::TakeLandmark(&words);
+    api::KnownPosition position;
+    absl::StatusOr<api::Landmark> landmark = TakeLandmark(&words);
     if (!landmark.ok()) return io::LineError(path, line.number, landmark.status().message());
     const absl::StatusOr<Vector3d> world = VectorFrom(words);
     if (!world.ok()) return io::LineError(path, line.number, world.status().message());
@@ -44,12 +68,12 @@ absl::StatusOr<std::vector<care::KnownPosition>> ReadPositions(const std::string
   return positions;
 }
 
-absl::StatusOr<care::KnownDistance> DistanceFrom(const std::string& text) {
+absl::StatusOr<api::KnownDistance> DistanceFrom(const std::string& text) {
   std::vector<std::string> words = WordsOf(text);
-  care::KnownDistance distance;
+  api::KnownDistance distance;
   const auto read = [&]() -> absl::Status {
-    CAIRN_ASSIGN_OR_RETURN(distance.from, care::TakeLandmark(&words));
-    CAIRN_ASSIGN_OR_RETURN(distance.to, care::TakeLandmark(&words));
+    CAIRN_ASSIGN_OR_RETURN(distance.from, TakeLandmark(&words));
+    CAIRN_ASSIGN_OR_RETURN(distance.to, TakeLandmark(&words));
     if (words.size() == 1 && absl::SimpleAtod(words[0], &distance.metres)) return absl::OkStatus();
     return absl::InvalidArgumentError("behind the two places stands how many metres they are apart");
   };
@@ -57,10 +81,10 @@ absl::StatusOr<care::KnownDistance> DistanceFrom(const std::string& text) {
   return distance;
 }
 
-absl::StatusOr<care::KnownPlaces> KnownFrom(const KnownPlacesOptions& options) {
-  care::KnownPlaces known;
-  known.overwrite = options.overwrite;
-  known.force = options.force;
+}  // namespace
+
+absl::StatusOr<api::KnownPlaces> ReadKnownPlaces(const KnownPlacesOptions& options) {
+  api::KnownPlaces known;
   if (!options.positions.empty()) {
     CAIRN_ASSIGN_OR_RETURN(known.positions, ReadPositions(options.positions));
   }
@@ -76,39 +100,25 @@ absl::StatusOr<care::KnownPlaces> KnownFrom(const KnownPlacesOptions& options) {
   return known;
 }
 
-absl::StatusOr<care::KnownAlignment> AlignMapFile(const std::string& map, const KnownPlacesOptions& options) {
-  CAIRN_ASSIGN_OR_RETURN(const care::KnownPlaces known, KnownFrom(options));
-  CAIRN_RETURN_IF_ERROR(known.Validate());
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::LiveMap> live, engine::LiveMap::Open(map));
-  CAIRN_ASSIGN_OR_RETURN(care::KnownAlignment aligned, care::AlignByKnownPlaces(map, known, *live));
-  CAIRN_RETURN_IF_ERROR(live->Close());
-  return aligned;
-}
-
-}  // namespace
-
-int AlignByKnown(const std::string& map, const KnownPlacesOptions& options, bool json) {
-  const absl::StatusOr<care::KnownAlignment> aligned = AlignMapFile(map, options);
-  if (!aligned.ok()) return Fail("align", aligned.status(), json);
-  const double rotation_deg = aligned->rotation_sigma_rad * 180.0 / M_PI;
+void PrintKnownAlignment(const std::string& map, const api::AlignAnswer& answer, bool json) {
+  const api::ComponentAlignment& aligned = *answer.component;
+  const double rotation_deg = aligned.rotation_sigma_rad * 180.0 / M_PI;
   if (json) {
     PrintJson({{"map", map},
-               {"revision", aligned->revision},
-               {"component", aligned->component.value()},
-               {"scale", aligned->world_from_component.scale()},
-               {"rmse_m", aligned->rmse_m},
-               {"errors_m", aligned->errors_m},
-               {"scale_sigma_share", aligned->scale_sigma},
+               {"revision", answer.revision},
+               {"component", aligned.component.value()},
+               {"scale", aligned.world_from_component.scale()},
+               {"rmse_m", aligned.rmse_all_m},
+               {"errors_m", aligned.errors_m},
+               {"scale_sigma_share", aligned.scale_sigma},
                {"rotation_sigma_deg", rotation_deg}});
-    return kOk;
+    return;
   }
   std::printf("%s, component %u, is aligned: scale %.4f +- %.2g %%, rotation +- %.2g deg\n", text::Shown(map).c_str(),
-              aligned->component.value(), aligned->world_from_component.scale(), 100.0 * aligned->scale_sigma,
+              aligned.component.value(), aligned.world_from_component.scale(), 100.0 * aligned.scale_sigma,
               rotation_deg);
-  if (!aligned->errors_m.empty()) {
-    std::printf("  what is known is off by %.4f m (RMSE of %zu)\n", aligned->rmse_m, aligned->errors_m.size());
-  }
-  return kOk;
+  if (aligned.errors_m.empty()) return;
+  std::printf("  what is known is off by %.4f m (RMSE of %zu)\n", aligned.rmse_all_m, aligned.errors_m.size());
 }
 
 }  // namespace cairn::cli

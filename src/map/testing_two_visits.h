@@ -8,10 +8,10 @@
 #include "map/edit.h"
 #include "map/testing_map.h"
 
-namespace cairn::care::testing {
+namespace cairn::map::testing {
 
 struct TwoVisits {
-  std::shared_ptr<const map::Snapshot> map;
+  std::shared_ptr<const Snapshot> map;
   SessionId first, second, apart;
   ComponentId shared, alone;
 };
@@ -19,25 +19,24 @@ struct TwoVisits {
 // Views 0, 2, 4, ... are the first session's, the others the second's; view 0 is the root. The third session has made
 // the same room again, aside. The shared component is aligned to the world.
 inline TwoVisits MakeTwoVisits(std::size_t num_views = 10, std::size_t num_points = 600, double noise_px = 0.5) {
-  using map::testing::TestMap;
-  TestMap world = map::testing::MakeWorld(31, num_views, num_points);
+  TestMap world = MakeWorld(31, num_views, num_points);
   Random random(32);
-  map::Edit edit(world.snapshot);
+  Edit edit(world.snapshot);
   TwoVisits visits;
   visits.first = world.session;
-  map::Session another = edit.session(world.session);
+  Session another = edit.session(world.session);
   visits.second = edit.AddSession(another);
   visits.apart = edit.AddSession(another);
   visits.shared = edit.AddComponent({.id = {}, .session = visits.first});
   visits.alone = edit.AddComponent({.id = {}, .session = visits.apart});
-  map::Component aligned = edit.component(visits.shared);
+  Component aligned = edit.component(visits.shared);
   aligned.world_from_component = Sim3(ExpSO3(Vector3d(0.1, 0.2, 0.3)), Vector3d(1.0, 2.0, 3.0), 2.0);
   edit.PutComponent(aligned);
   const auto add = [&](bool apart) {
-    std::vector<std::vector<map::Observation>> seen(num_points);
+    std::vector<std::vector<Observation>> seen(num_points);
     for (std::size_t view = 0; view < num_views; ++view) {
       std::vector<std::size_t> visible;
-      map::Keyframe keyframe = map::testing::MakeKeyframe(world, view, noise_px, random, &visible);
+      Keyframe keyframe = MakeKeyframe(world, view, noise_px, random, &visible);
       keyframe.session = apart ? visits.apart : view % 2 == 0 ? visits.first : visits.second;
       keyframe.component = apart ? visits.alone : visits.shared;
       const KeyframeId id = edit.AddKeyframe(std::move(keyframe));
@@ -46,7 +45,7 @@ inline TwoVisits MakeTwoVisits(std::size_t num_views = 10, std::size_t num_point
     for (std::size_t i = 0; i < num_points; ++i) {
       if (seen[i].size() < 2) continue;
       const PointId point = edit.AddPoint(world.truth[i]);
-      for (const map::Observation& o : seen[i]) edit.AddObservation(point, o.keyframe, o.feature);
+      for (const Observation& o : seen[i]) edit.AddObservation(point, o.keyframe, o.feature);
     }
   };
   add(false);
@@ -56,4 +55,4 @@ inline TwoVisits MakeTwoVisits(std::size_t num_views = 10, std::size_t num_point
   return visits;
 }
 
-}  // namespace cairn::care::testing
+}  // namespace cairn::map::testing

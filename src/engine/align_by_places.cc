@@ -1,20 +1,24 @@
-#include "care/known_places.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
+#include "engine/alignment_target.h"
 #include "geometry/alignment.h"
-#include "inspect/measures.h"
 #include "map/edit.h"
 
-namespace cairn::care {
+namespace cairn::engine {
 namespace {
 
+using api::KnownDistance;
+using api::KnownPlaces;
+using api::KnownPosition;
+using api::Landmark;
+using api::SeenAt;
+
 constexpr double kMaxPixelGap = 8.0;  // of a feature from where somebody pointed
-constexpr double kMaxScaleSigma = 0.1, kMaxRotationSigmaRad = 5.0 * M_PI / 180.0;
+constexpr double kMaxKnownScaleSigma = 0.1, kMaxKnownRotationSigmaRad = 5.0 * M_PI / 180.0;
 
 struct Place {
   ComponentId component;
@@ -28,7 +32,7 @@ class Finder {
   absl::StatusOr<Place> operator()(PointId id) const {
     const map::MapPoint* point = map_.points().Find(id);
     if (point == nullptr) return Missing("point", id.value());
-    return Place{inspect::ComponentOf(map_, *point), point->position};
+    return Place{map_.keyframe(point->reference.keyframe).component, point->position};
   }
   absl::StatusOr<Place> operator()(KeyframeId id) const {
     const map::Keyframe* keyframe = map_.keyframes().Find(id);
@@ -63,10 +67,12 @@ class Finder {
 
 class KnownAligner {
  public:
-  KnownAligner(const std::string& name, const map::Snapshot& map, const KnownPlaces& known)
-      : name_(name), map_(map), known_(known), find_(name, map) {}
+  KnownAligner(const std::string& name, const map::Snapshot& map, const api::AlignRequest& request)
+      : name_(name), map_(map), request_(request), known_(std::get<KnownPlaces>(request.by)), find_(name, map) {
+    result_.component = request.component;
+  }
 
-  absl::StatusOr<KnownAlignment> Run() {
+  absl::StatusOr<api::ComponentAlignment> Run() {
     if (!known_.positions.empty()) {
       CAIRN_RETURN_IF_ERROR(ByPositions());
     } else {
@@ -90,7 +96,7 @@ class KnownAligner {
   const std::optional<Sim3>& Now() const { return map_.WorldFrom(result_.component); }
 
   absl::Status CheckOverwrite() const {
-    if (!Now() || known_.overwrite) return absl::OkStatus();
+    if (!Now() || request_.overwrite) return absl::OkStatus();
     return absl::AlreadyExistsError(absl::StrCat("component ", result_.component.value(), " of ", name_,
                                                  " is aligned already: give --overwrite to change that"));
   }
@@ -107,13 +113,14 @@ class KnownAligner {
     options.min_spread_ratio = 0.01;  // what was measured errs more than that
     CAIRN_ASSIGN_OR_RETURN(const Alignment found, AlignPoints(world, map, options));
     result_.world_from_component = found.a_from_b;
-    result_.rmse_m = found.rmse;
+    result_.rmse_all_m = found.rmse;
     result_.scale_sigma = found.scale_sigma / found.a_from_b.scale();
     result_.rotation_sigma_rad = found.rotation_sigma_rad;
     for (std::size_t i = 0; i < world.size(); ++i) {
       result_.errors_m.push_back((found.a_from_b * map[i] - world[i]).norm());
     }
-    if (known_.force || (result_.scale_sigma <= kMaxScaleSigma && result_.rotation_sigma_rad <= kMaxRotationSigmaRad)) {
+    if (request_.force ||
+        (result_.scale_sigma <= kMaxKnownScaleSigma && result_.rotation_sigma_rad <= kMaxKnownRotationSigmaRad)) {
       return absl::OkStatus();
     }
     const auto worst = std::ranges::max_element(result_.errors_m) - result_.errors_m.begin();
@@ -121,7 +128,7 @@ class KnownAligner {
         "the positions do not fit %s; it is as it was: they are off by %.3f m (RMSE), most the one in place %d, by "
         "%.3f "
         "m, so that the scale is uncertain by %.0f %% and the rotation by %.1f deg (--force aligns all the same)",
-        name_, result_.rmse_m, worst + 1, result_.errors_m[static_cast<std::size_t>(worst)],
+        name_, result_.rmse_all_m, worst + 1, result_.errors_m[static_cast<std::size_t>(worst)],
         100.0 * result_.scale_sigma, result_.rotation_sigma_rad * 180.0 / M_PI));
   }
 
@@ -166,11 +173,11 @@ class KnownAligner {
       result_.errors_m.push_back(std::abs(scale * lengths[i] - known_.distances[i].metres));
       const double ratio = std::log(known_.distances[i].metres / (scale * lengths[i]));
       squares += ratio * ratio;
-      result_.rmse_m += result_.errors_m.back() * result_.errors_m.back() / n;
+      result_.rmse_all_m += result_.errors_m.back() * result_.errors_m.back() / n;
     }
-    result_.rmse_m = std::sqrt(result_.rmse_m);
+    result_.rmse_all_m = std::sqrt(result_.rmse_all_m);
     if (lengths.size() > 1) result_.scale_sigma = std::sqrt(squares / (n - 1.0) / n);
-    if (result_.scale_sigma > kMaxScaleSigma && !known_.force) {
+    if (result_.scale_sigma > kMaxKnownScaleSigma && !request_.force) {
       return absl::FailedPreconditionError(
           absl::StrFormat("the distances contradict each other; %s is as it was: the scale is uncertain by %.0f %% "
                           "(--force takes their mean all the same)",
@@ -198,76 +205,25 @@ class KnownAligner {
 
   const std::string& name_;
   const map::Snapshot& map_;
+  const api::AlignRequest& request_;
   const KnownPlaces& known_;
   const Finder find_;
-  KnownAlignment result_;
+  api::ComponentAlignment result_;
 };
 
 }  // namespace
 
-absl::Status KnownPlaces::Validate() const {
-  const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("align: ", what)); };
-  const bool turns = gravity || upright_cameras;
-  if (positions.empty() && distances.empty() && !turns) return bad("nothing is known that it could be aligned by");
-  if (!positions.empty() && (!distances.empty() || turns)) {
-    return bad("positions say all: neither distances nor gravity go with them");
-  }
-  if (!positions.empty() && positions.size() < 3) return bad("three known positions at least are needed");
-  if (gravity && (upright_cameras || !gravity->allFinite() || !(gravity->norm() > 1e-9))) {
-    return bad("gravity is a direction, or that of the cameras");
-  }
-  for (const KnownPosition& position : positions) {
-    if (!position.world_m.allFinite()) return bad("known positions must be finite");
-  }
-  for (const KnownDistance& distance : distances) {
-    if (!(distance.metres > 0.0) || !std::isfinite(distance.metres)) return bad("known distances must be positive");
-  }
-  return absl::OkStatus();
+absl::StatusOr<api::ComponentAlignment> AlignByPlaces(const std::string& map, const api::AlignRequest& request,
+                                                      map::Edit* edit) {
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<AlignmentTarget> targets, TargetsOf(map, edit->base(), request));
+  if (request.component) CAIRN_RETURN_IF_ERROR(ChooseTarget(map, targets, request).status());
+  CAIRN_ASSIGN_OR_RETURN(api::ComponentAlignment aligned, KnownAligner(map, edit->base(), request).Run());
+  const auto chosen = std::ranges::find(targets, aligned.component, &AlignmentTarget::component);
+  aligned.keyframes = static_cast<std::int64_t>(chosen->keyframes.size());
+  aligned.moved_m = MedianMove(*chosen, aligned.world_from_component);
+  aligned.others = OthersOf(targets, static_cast<std::size_t>(chosen - targets.begin()));
+  PutAlignment(aligned.component, aligned.world_from_component, edit);
+  return aligned;
 }
 
-absl::StatusOr<KnownAlignment> AlignByKnownPlaces(const std::string& map, const KnownPlaces& known,
-                                                  engine::LiveMap& live) {
-  CAIRN_RETURN_IF_ERROR(known.Validate());
-  KnownAlignment result;
-  {
-    engine::LiveMap::Editor editor = live.BeginEdit();
-    const std::shared_ptr<const map::Snapshot> head = editor.View()->snapshot();
-    CAIRN_ASSIGN_OR_RETURN(result, KnownAligner(map, *head, known).Run());
-    map::Edit edit(head);
-    map::Component component = edit.component(result.component);
-    component.world_from_component = result.world_from_component;
-    edit.PutComponent(component);
-    CAIRN_RETURN_IF_ERROR(
-        editor.Commit(edit.Finish(absl::StrCat("align component ", result.component.value(), " by known places")), {}));
-    result.revision = editor.View()->revision();
-  }
-  CAIRN_RETURN_IF_ERROR(live.Flush());
-  return result;
-}
-
-absl::StatusOr<Landmark> TakeLandmark(std::vector<std::string>* words) {
-  const absl::Status wanted = absl::InvalidArgumentError(
-      "a place is \"point ID\", \"keyframe ID\" or \"pixel KEYFRAME X Y\" (undistorted image)");
-  std::uint32_t id = 0;
-  if (words->size() < 2 || !absl::SimpleAtoi((*words)[1], &id) || id == 0) return wanted;
-  const std::string kind = (*words)[0];
-  std::size_t used = 2;
-  Landmark landmark = PointId(id);
-  if (kind == "keyframe") {
-    landmark = KeyframeId(id);
-  } else if (kind == "pixel") {
-    SeenAt seen{KeyframeId(id), {}};
-    used = 4;
-    if (words->size() < used || !absl::SimpleAtod((*words)[2], &seen.pixel.x()) ||
-        !absl::SimpleAtod((*words)[3], &seen.pixel.y())) {
-      return wanted;
-    }
-    landmark = seen;
-  } else if (kind != "point") {
-    return wanted;
-  }
-  words->erase(words->begin(), words->begin() + static_cast<std::ptrdiff_t>(used));
-  return landmark;
-}
-
-}  // namespace cairn::care
+}  // namespace cairn::engine

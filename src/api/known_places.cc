@@ -1,0 +1,27 @@
+#include "api/known_places.h"
+
+#include <cmath>
+
+namespace cairn::api {
+
+absl::Status KnownPlaces::Validate() const {
+  const auto bad = [](const char* what) { return absl::InvalidArgumentError(absl::StrCat("align: ", what)); };
+  const bool turns = gravity || upright_cameras;
+  if (positions.empty() && distances.empty() && !turns) return bad("nothing is known that it could be aligned by");
+  if (!positions.empty() && (!distances.empty() || turns)) {
+    return bad("positions say all: neither distances nor gravity go with them");
+  }
+  if (!positions.empty() && positions.size() < 3) return bad("three known positions at least are needed");
+  if (gravity && (upright_cameras || !gravity->allFinite() || !(gravity->norm() > 1e-9))) {
+    return bad("gravity is a direction, or that of the cameras");
+  }
+  for (const KnownPosition& position : positions) {
+    if (!position.world_m.allFinite()) return bad("known positions must be finite");
+  }
+  for (const KnownDistance& distance : distances) {
+    if (!(distance.metres > 0.0) || !std::isfinite(distance.metres)) return bad("known distances must be positive");
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace cairn::api
