@@ -8,7 +8,6 @@
 #include "care/testing_room.h"
 #include "care/whole_map.h"
 #include "engine/live_map.h"
-#include "map/testing_two_visits.h"
 #include "store/digest.h"
 #include "store/testing_failing_vfs.h"
 #include "store/testing_files.h"
