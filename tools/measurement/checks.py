@@ -28,6 +28,7 @@ CHECKS = [
     ('  latency per image, median', 'ms', '<=', None, '', lambda w: w.relocalization()['p50_ms']),
     ('coverage of redkitchen t < 20 s: predicted and true share per cell, correlation', '', '>=', 0.8, '',
      lambda w: w.coverage()['correlation']),
+    ('  by which they differ, mean of the cells', 'points', '<=', 10, '', lambda w: 100 * w.coverage()['apart']),
     ('euroc_v101_keyframes: cam1 in a map of cam0 within 0.15 m / 3 deg', '%', '>=', 98, '',
      lambda w: 100 * w.stereo()['located']),
     ('redkitchen t >= 20 s, single images in the map of t < 20 s: located', '%', '>=', None, '',
