@@ -22,14 +22,21 @@ class CornerWitness {
   // `camera` is at full resolution. `noise_px` is how badly the start's own corners fit its motion, at full resolution.
   CornerWitness(const OdometryOptions& options, const Pinhole& camera, const Frame& reference, double noise_px);
 
-  // One more frame, the neighbour in time of the one before: false where the corners do not follow to it, or contradict
-  // the poses since the reference (ExplainsClearlyWorse()). Then it is not asked again.
+  // One more frame, the neighbour in time of the one before: false where no corners follow to it, not even ones chosen
+  // anew in the frame before, or where they contradict the poses since they were chosen (ExplainsClearlyWorse()). Then
+  // it is not asked again.
   bool BearsOut(const Frame& frame, const SE3& camera_from_reference);
 
  private:
+  void FollowFromLast();
+  bool Follows(const Frame& frame);
+
   FeatureStart corners_;
   double noise_px2_;
-  std::vector<std::optional<SE3>> camera_from_reference_ = {SE3()};
+  Frame last_;  // that was borne out, with its pose
+  SE3 last_from_reference_;
+  SE3 first_from_reference_;  // of the frame that the corners were chosen in, and of those since against it
+  std::vector<std::optional<SE3>> camera_from_first_;
 };
 
 }  // namespace cairn::direct

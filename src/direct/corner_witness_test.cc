@@ -42,6 +42,18 @@ TEST(CornerWitness, ContradictsPosesThatAreALittleOff) {
   EXPECT_GE(BorneOut(SE3(ExpSO3(Vector3d(angle_rad, 0, 0)), Vector3d::Zero())), 5);
 }
 
+// Something passes through the view from side to side and takes all corners along.
+TEST(CornerWitness, FollowsOthersWhereTheFirstAreTakenAlong) {
+  CornerWitness witness(OdometryOptions(), testing::TestCamera(), FrameAt(kReference), kNoisePx);
+  for (int back = 1; back <= 10; ++back) {
+    const int i = kReference - back;
+    Frame frame = FrameAt(i);
+    const int width = frame.image.cols / 4;
+    frame.image.colRange((back - 1) % 4 * width, ((back - 1) % 4 + 1) * width).setTo(90);
+    EXPECT_TRUE(witness.BearsOut(frame, FromReference(i))) << back;
+  }
+}
+
 TEST(CornerWitness, SaysNothingOfImagesWithoutCorners) {
   CornerWitness witness(OdometryOptions(), testing::TestCamera(), FrameAt(kReference), kNoisePx);
   Frame black = FrameAt(kReference - 1);

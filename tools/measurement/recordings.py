@@ -50,8 +50,9 @@ class Recordings:
         report = cairn('run', sequence, *arguments, *self.mode, '--map', self.path(f'{tag}.cairn'), '--trajectory', frames,
                        '--quality', quality, '--overwrite')
         times, off, scale = errors(frames, truth)
-        rows = {round(float(row['t']), 6): row for row in csv.DictReader(open(quality))}
-        claims = [rows[round(t, 6)] for t in times]
+        rows = list(csv.DictReader(open(quality)))
+        claimed = np.array([float(row['t']) for row in rows])
+        claims = [rows[np.abs(claimed - t).argmin()] for t in times]
         sigma = scale * math.sqrt(3.0) * np.array([float(row['sigma_position']) for row in claims])
         sure = np.array([float(row['quality']) >= 0.5 for row in claims])
         return {'ate': rms(off), 'tracked': report['tracked_share'], 'ratio': rms(off) / max(rms(sigma), 1e-12),
