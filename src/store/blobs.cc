@@ -1,6 +1,7 @@
 #include "store/blobs.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -91,63 +92,113 @@ PackedFeatures PackFeatures(const map::KeyframeFeatures& features) {
   return packed;
 }
 
-absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::int64_t layout, std::int64_t word_bytes,
-                                                     Bytes keypoints, Bytes descriptors, Bytes words) {
-  const auto chosen = static_cast<KeypointLayout>(layout);
-  if (chosen != KeypointLayout::kFloat32 && chosen != KeypointLayout::kFixedPoint) {
+absl::StatusOr<FeatureBlobs> FeatureBlobs::Create(std::int64_t count, std::int64_t layout, std::int64_t word_bytes,
+                                                  Bytes keypoints, Bytes descriptors, Bytes words) {
+  FeatureBlobs blobs;
+  blobs.layout_ = static_cast<KeypointLayout>(layout);
+  if (blobs.layout_ != KeypointLayout::kFloat32 && blobs.layout_ != KeypointLayout::kFixedPoint) {
     return absl::DataLossError(absl::StrCat("keypoint layout ", layout, " is unknown"));
   }
   const std::size_t n = descriptors.size() / sizeof(image::Descriptor);
   if (count < 0 || n != static_cast<std::uint64_t>(count) || descriptors.size() % sizeof(image::Descriptor) != 0 ||
-      keypoints.size() != n * BytesPerKeypoint(chosen)) {
+      keypoints.size() != n * BytesPerKeypoint(blobs.layout_)) {
     return absl::DataLossError(absl::StrCat("the blobs do not hold ", count, " keypoints and descriptors"));
   }
   if (word_bytes < 0 || word_bytes > 4 || words.size() != n * static_cast<std::uint64_t>(word_bytes)) {
     return absl::DataLossError(absl::StrCat("the blob of words does not hold ", count, " of ", word_bytes, " bytes"));
   }
+  blobs.size_ = n;
+  blobs.word_bytes_ = static_cast<std::size_t>(word_bytes);
+  blobs.keypoints_ = keypoints;
+  blobs.octaves_ = keypoints.last(n);
+  blobs.descriptors_ = descriptors;
+  blobs.words_ = words;
+  return blobs;
+}
 
-  map::KeyframeFeatures features;
-  features.features.keypoints.resize(n);
-  const bool fixed_point = chosen == KeypointLayout::kFixedPoint;
+Keypoint FeatureBlobs::keypoint(std::size_t i) const {
+  const bool fixed_point = layout_ == KeypointLayout::kFixedPoint;
   const std::size_t px_bytes = fixed_point ? 2 : 4;
-  const auto px_at = [&](std::size_t offset, std::size_t i) {
-    return fixed_point ? static_cast<float>(At<std::uint16_t>(keypoints, offset, i)) / kFixedPointPerPx
-                       : At<float>(keypoints, offset, i);
+  const auto px_at = [&](std::size_t offset) {
+    return fixed_point ? static_cast<float>(At<std::uint16_t>(keypoints_, offset, i)) / kFixedPointPerPx
+                       : At<float>(keypoints_, offset, i);
   };
-  for (std::size_t i = 0; i < n; ++i) {
-    Keypoint& keypoint = features.features.keypoints[i];
-    keypoint.x_px = px_at(0, i);
-    keypoint.y_px = px_at(px_bytes * n, i);
-    keypoint.angle_rad = At<float>(keypoints, 2 * px_bytes * n, i);
-    keypoint.octave = At<std::uint8_t>(keypoints, (2 * px_bytes + 4) * n, i);
-  }
-  features.features.descriptors.resize(n);
-  if (n > 0) std::memcpy(features.features.descriptors.data(), descriptors.data(), descriptors.size());
+  Keypoint keypoint;
+  keypoint.x_px = px_at(0);
+  keypoint.y_px = px_at(px_bytes * size_);
+  keypoint.angle_rad = At<float>(keypoints_, 2 * px_bytes * size_, i);
+  keypoint.octave = octave(i);
+  return keypoint;
+}
 
-  if (word_bytes > 0) features.words.assign(n, 0);
-  for (std::size_t i = 0; i < features.words.size(); ++i) {
-    std::memcpy(&features.words[i], words.data() + i * static_cast<std::size_t>(word_bytes),
-                static_cast<std::size_t>(word_bytes));
+image::Descriptor FeatureBlobs::descriptor(std::size_t i) const { return At<image::Descriptor>(descriptors_, 0, i); }
+
+std::vector<std::uint32_t> FeatureBlobs::Words() const {
+  std::vector<std::uint32_t> words;
+  if (word_bytes_ == 0) return words;
+  words.assign(size_, 0);
+  // Whole numbers as long as there are bytes for them: copies of a known size are many times faster.
+  const std::uint32_t mask = 0xffffffffu >> (8 * (sizeof(std::uint32_t) - word_bytes_));
+  std::size_t i = 0;
+  for (; i * word_bytes_ + sizeof(std::uint32_t) <= words_.size(); ++i) {
+    std::memcpy(&words[i], words_.data() + i * word_bytes_, sizeof(std::uint32_t));
+    words[i] &= mask;
   }
+  for (; i < size_; ++i) std::memcpy(&words[i], words_.data() + i * word_bytes_, word_bytes_);
+  return words;
+}
+
+map::KeyframeFeatures FeatureBlobs::Unpack() const {
+  map::KeyframeFeatures features;
+  features.features.keypoints.reserve(size_);
+  for (std::size_t i = 0; i < size_; ++i) features.features.keypoints.push_back(keypoint(i));
+  features.features.descriptors.resize(size_);
+  if (size_ > 0) std::memcpy(features.features.descriptors.data(), descriptors_.data(), descriptors_.size());
+  features.words = Words();
   return features;
 }
 
-absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole* camera, int num_levels,
-                                std::optional<std::uint32_t> num_words) {
+absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::int64_t layout, std::int64_t word_bytes,
+                                                     Bytes keypoints, Bytes descriptors, Bytes words) {
+  CAIRN_ASSIGN_OR_RETURN(const auto blobs,
+                         FeatureBlobs::Create(count, layout, word_bytes, keypoints, descriptors, words));
+  return blobs.Unpack();
+}
+
+namespace {
+
+template <class KeypointAt>
+absl::string_view WrongAmong(std::size_t count, KeypointAt at, const Pinhole* camera, int num_levels) {
   // A lens that is corrected moves keypoints beyond the edge of the image, by far less than the image.
   const float unknown = std::numeric_limits<float>::max() / 4;
   const auto width = camera == nullptr ? unknown : static_cast<float>(camera->width_px);
   const auto height = camera == nullptr ? unknown : static_cast<float>(camera->height_px);
   const auto within = [](float px, float size) { return px >= -size && px <= 2.0f * size; };
-  for (const image::Keypoint& keypoint : features.features.keypoints) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const Keypoint keypoint = at(i);
     if (keypoint.octave >= num_levels) return "keypoints: an octave is out of range";
     if (!within(keypoint.x_px, width) || !within(keypoint.y_px, height))
       return "keypoints: one is outside of the image";
     if (!(std::abs(keypoint.angle_rad) <= 7.0f)) return "keypoints: an angle is out of range";
   }
-  if (!num_words) return {};
-  for (const std::uint32_t word : features.words) {
-    if (word >= *num_words) return "words: the vocabulary has none of that number";
+  return {};
+}
+
+}  // namespace
+
+absl::string_view WrongKeypoints(const FeatureBlobs& features, const Pinhole* camera, int num_levels) {
+  return WrongAmong(
+      features.size(), [&](std::size_t i) { return features.keypoint(i); }, camera, num_levels);
+}
+
+absl::string_view WrongKeypoints(const std::vector<Keypoint>& keypoints, const Pinhole* camera, int num_levels) {
+  return WrongAmong(
+      keypoints.size(), [&](std::size_t i) { return keypoints[i]; }, camera, num_levels);
+}
+
+absl::string_view WrongWords(const std::vector<std::uint32_t>& words, std::uint32_t num_words) {
+  for (const std::uint32_t word : words) {
+    if (word >= num_words) return "words: the vocabulary has none of that number";
   }
   return {};
 }
@@ -174,7 +225,16 @@ absl::StatusOr<std::vector<PointId>> UnpackPointIds(std::size_t count, Bytes byt
   std::vector<PointId> ids(count);
   std::size_t at = 0;
   std::int64_t last = 0;
-  for (PointId& id : ids) {
+  for (std::size_t i = 0; i < count; ++i) {
+    // Most features observe no point: eight at a time.
+    std::uint64_t eight = 0;
+    while (i + sizeof(eight) <= count && at + sizeof(eight) <= bytes.size()) {
+      std::memcpy(&eight, bytes.data() + at, sizeof(eight));
+      const auto zeros = static_cast<std::size_t>(std::countr_zero(eight)) / 8;
+      i += zeros, at += zeros;
+      if (zeros < sizeof(eight)) break;
+    }
+    if (i == count) break;
     std::uint64_t value = 0;
     if (!ReadVarint(bytes, &at, &value)) return absl::DataLossError("a number in the blob is cut off");
     if (value == 0) continue;
@@ -183,7 +243,7 @@ absl::StatusOr<std::vector<PointId>> UnpackPointIds(std::size_t count, Bytes byt
     const auto half = static_cast<std::int64_t>(zigzag >> 1);
     last += (zigzag & 1) != 0 ? -half - 1 : half;
     if (last < 1 || last > 0xffffffffll) return absl::DataLossError("an id in the blob is out of range");
-    id = PointId(static_cast<PointId::Value>(last));
+    ids[i] = PointId(static_cast<PointId::Value>(last));
   }
   if (at != bytes.size()) return absl::DataLossError(absl::StrCat("the blob holds more than ", count, " features"));
   return ids;

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -34,14 +33,38 @@ struct PackedFeatures {
 };
 
 PackedFeatures PackFeatures(const map::KeyframeFeatures& features);
-// DataLoss (without a fault: the caller knows which row) if lengths and values do not fit.
+// The features of a keyframe as blobs hold them, to look at some of them without unpacking all.
+class FeatureBlobs {
+ public:
+  // DataLoss (without a fault: the caller knows which row) if lengths and values do not fit. Refers to the blobs.
+  static absl::StatusOr<FeatureBlobs> Create(std::int64_t count, std::int64_t layout, std::int64_t word_bytes,
+                                             Bytes keypoints, Bytes descriptors, Bytes words);
+
+  std::size_t size() const { return size_; }
+  image::Keypoint keypoint(std::size_t i) const;
+  std::uint8_t octave(std::size_t i) const { return octaves_[i]; }
+  image::Descriptor descriptor(std::size_t i) const;
+  std::vector<std::uint32_t> Words() const;
+  map::KeyframeFeatures Unpack() const;
+
+ private:
+  FeatureBlobs() = default;
+
+  std::size_t size_ = 0;
+  KeypointLayout layout_ = KeypointLayout::kFloat32;
+  std::size_t word_bytes_ = 0;
+  Bytes keypoints_, octaves_, descriptors_, words_;  // octaves are a part of keypoints
+};
+
+// FeatureBlobs::Create() and Unpack().
 absl::StatusOr<map::KeyframeFeatures> UnpackFeatures(std::int64_t count, std::int64_t layout, std::int64_t word_bytes,
                                                      Bytes keypoints, Bytes descriptors, Bytes words);
 
 // What is wrong with values that are read by number or cast to one later; empty if nothing. `camera`: of the
-// undistorted image, null if that is not known; `num_words`: of the vocabulary, if that is known.
-absl::string_view WrongFeatures(const map::KeyframeFeatures& features, const Pinhole* camera, int num_levels,
-                                std::optional<std::uint32_t> num_words);
+// undistorted image, null if that is not known.
+absl::string_view WrongKeypoints(const FeatureBlobs& features, const Pinhole* camera, int num_levels);
+absl::string_view WrongKeypoints(const std::vector<image::Keypoint>& keypoints, const Pinhole* camera, int num_levels);
+absl::string_view WrongWords(const std::vector<std::uint32_t>& words, std::uint32_t num_words);
 
 // Per feature one varint: 0 for none, else 1 + zigzag(id - id of the last feature that had one).
 std::string PackPointIds(const std::vector<PointId>& ids);

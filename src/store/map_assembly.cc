@@ -118,32 +118,34 @@ absl::Status Assembly::CheckTree() {
 }
 
 absl::StatusOr<bool> Assembly::LinkObservations() {
+  // Those of all points one behind the other first: that is little memory to jump about in.
   const IdIndex index(rows_.points);
-  std::vector<std::uint32_t> num_observations(rows_.points.size());
+  std::vector<std::uint32_t> begin(rows_.points.size() + 1);
   for (const auto& keyframe : rows_.keyframes) {
     for (const PointId id : keyframe->points) {
       const std::size_t row = id ? index.Find(id.value()) : IdIndex::kNone;
-      if (row != IdIndex::kNone) ++num_observations[row];
+      if (row != IdIndex::kNone) ++begin[row + 1];
     }
   }
-  for (std::size_t i = 0; i < rows_.points.size(); ++i) rows_.points[i]->observations.reserve(num_observations[i]);
+  for (std::size_t row = 0; row < rows_.points.size(); ++row) begin[row + 1] += begin[row];
+  std::vector<map::Observation> all(begin.back());
+  std::vector<std::uint32_t> end(begin.begin(), begin.end() - 1);
   for (const auto& keyframe : rows_.keyframes) {
     for (std::uint32_t i = 0; i < keyframe->points.size(); ++i) {
       if (!keyframe->points[i]) continue;
       const std::size_t row = index.Find(keyframe->points[i].value());
-      if (row == IdIndex::kNone) {
-        CAIRN_RETURN_IF_ERROR(Report("keyframe_points", keyframe->id.value(),
-                                     absl::StrCat("point ", keyframe->points[i].value(), " is missing")));
+      const bool missing = row == IdIndex::kNone;
+      if (missing || (end[row] > begin[row] && all[end[row] - 1].keyframe == keyframe->id)) {
+        CAIRN_RETURN_IF_ERROR(
+            Report("keyframe_points", keyframe->id.value(),
+                   absl::StrCat("point ", keyframe->points[i].value(), missing ? " is missing" : " is there twice")));
         return false;
       }
-      auto& observations = rows_.points[row]->observations;
-      if (!observations.empty() && observations.back().keyframe == keyframe->id) {
-        CAIRN_RETURN_IF_ERROR(Report("keyframe_points", keyframe->id.value(),
-                                     absl::StrCat("point ", keyframe->points[i].value(), " is there twice")));
-        return false;
-      }
-      observations.push_back({keyframe->id, i});
+      all[end[row]++] = {keyframe->id, i};
     }
+  }
+  for (std::size_t row = 0; row < rows_.points.size(); ++row) {
+    rows_.points[row]->observations.assign(all.begin() + begin[row], all.begin() + begin[row + 1]);
   }
   return true;
 }

@@ -24,15 +24,23 @@ absl::Status DamagedBy(const Finding& finding) {
   return MakeFault(Fault::kDamaged, absl::StrCat("the file is damaged: ", Describe(finding)));
 }
 
-absl::StatusOr<map::KeyframeFeatures> FeaturesFromRow(const Statement& row, const Pinhole* camera, int num_levels,
-                                                      std::optional<std::uint32_t> num_words) {
+absl::StatusOr<FeatureBlobs> FeatureBlobsFromRow(const Statement& row, const Pinhole* camera, int num_levels) {
   const Bytes keypoints = row.Blob(7), descriptors = row.Blob(8), words = row.Blob(9);
   if (row.Int(4) != BlobChecksum(keypoints)) return absl::DataLossError("keypoints: wrong checksum");
   if (row.Int(5) != BlobChecksum(descriptors)) return absl::DataLossError("descriptors: wrong checksum");
   if (row.Int(6) != BlobChecksum(words)) return absl::DataLossError("words: wrong checksum");
-  CAIRN_ASSIGN_OR_RETURN(auto features,
-                         UnpackFeatures(row.Int(1), row.Int(2), row.Int(3), keypoints, descriptors, words));
-  const absl::string_view wrong = WrongFeatures(features, camera, num_levels, num_words);
+  CAIRN_ASSIGN_OR_RETURN(const auto blobs,
+                         FeatureBlobs::Create(row.Int(1), row.Int(2), row.Int(3), keypoints, descriptors, words));
+  const absl::string_view wrong = WrongKeypoints(blobs, camera, num_levels);
+  if (!wrong.empty()) return absl::DataLossError(wrong);
+  return blobs;
+}
+
+absl::StatusOr<map::KeyframeFeatures> FeaturesFromRow(const Statement& row, const Pinhole* camera, int num_levels,
+                                                      std::optional<std::uint32_t> num_words) {
+  CAIRN_ASSIGN_OR_RETURN(const auto blobs, FeatureBlobsFromRow(row, camera, num_levels));
+  map::KeyframeFeatures features = blobs.Unpack();
+  const absl::string_view wrong = num_words ? WrongWords(features.words, *num_words) : "";
   if (!wrong.empty()) return absl::DataLossError(wrong);
   return features;
 }
@@ -200,21 +208,25 @@ absl::Status MapReader::ReadTrajectories() {
   return absl::OkStatus();
 }
 
-void MapReader::SetAnchors(const map::Keyframe& keyframe, const image::Features& features, const IdIndex& index) {
+void MapReader::SetAnchors(const map::Keyframe& keyframe, const FeatureBlobs& features, const IdIndex& index,
+                           const std::vector<KeyframeId>& reference_of) {
   for (std::uint32_t i = 0; i < keyframe.points.size(); ++i) {
     const std::size_t row = keyframe.points[i] ? index.Find(keyframe.points[i].value()) : IdIndex::kNone;
-    if (row == IdIndex::kNone || rows_.points[row]->reference.keyframe != keyframe.id) continue;
-    rows_.points[row]->descriptor = features.descriptors[i];
-    rows_.octaves[row] = features.keypoints[i].octave;
+    if (row == IdIndex::kNone || reference_of[row] != keyframe.id) continue;
+    rows_.points[row]->descriptor = features.descriptor(i);
+    rows_.octaves[row] = features.octave(i);
   }
 }
 
 absl::Status MapReader::ReadFeatures(const FeatureUse& use) {
   const absl::string_view table = kFeaturesTable.name;
   std::optional<IdIndex> index;
+  std::vector<KeyframeId> reference_of;  // of points, here to be asked for again and again
   if (use.on_demand != nullptr) {
     index.emplace(rows_.points);
     rows_.octaves.resize(rows_.points.size());
+    reference_of.reserve(rows_.points.size());
+    for (const auto& point : rows_.points) reference_of.push_back(point->reference.keyframe);
   }
   CAIRN_ASSIGN_OR_RETURN(const std::optional<std::uint32_t> num_words, ReadNumWords(database_));
   CAIRN_RETURN_IF_ERROR(ForEachRow(kFeaturesTable, [&](const Statement& row, std::int64_t id) -> absl::Status {
@@ -228,21 +240,23 @@ absl::Status MapReader::ReadFeatures(const FeatureUse& use) {
         !status.ok()) {
       return status;
     }
-    auto features =
-        FeaturesFromRow(row, known ? &camera->pinhole : nullptr, rows_.map_row.info.orb.num_levels, num_words);
-    if (!features.ok()) return Report(table, id, features.status().message());
+    const auto blobs = FeatureBlobsFromRow(row, known ? &camera->pinhole : nullptr, rows_.map_row.info.orb.num_levels);
+    if (!blobs.ok()) return Report(table, id, blobs.status().message());
+    const std::vector<std::uint32_t> words = blobs->Words();
+    const absl::string_view wrong = num_words ? WrongWords(words, *num_words) : "";
+    if (!wrong.empty()) return Report(table, id, wrong);
     if (use.words) {
-      if (absl::Status status = use.words(keyframe->id, features->words); !status.ok()) return status;
+      if (absl::Status status = use.words(keyframe->id, words); !status.ok()) return status;
     }
     if (use.on_demand == nullptr) {
-      keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
+      keyframe->features = std::make_shared<const map::KeyframeFeatures>(blobs->Unpack());
       return absl::OkStatus();
     }
-    if (features->features.size() != keyframe->points.size()) {
+    if (blobs->size() != keyframe->points.size()) {
       return Report(kKeyframePointsTable.name, id, "not one point per feature");
     }
-    SetAnchors(*keyframe, features->features, *index);
-    keyframe->features = use.on_demand->OnDemand(keyframe->id, features->features.size());
+    SetAnchors(*keyframe, *blobs, *index, reference_of);
+    keyframe->features = use.on_demand->OnDemand(keyframe->id, blobs->size());
     return absl::OkStatus();
   }));
   for (const auto& keyframe : rows_.keyframes) {

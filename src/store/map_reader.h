@@ -8,6 +8,7 @@
 
 #include "base/status.h"
 #include "map/snapshot.h"
+#include "store/blobs.h"
 #include "store/map_assembly.h"
 #include "store/map_store.h"
 #include "store/sqlite.h"
@@ -76,7 +77,8 @@ class MapReader {
   absl::Status ReadFeatures(const FeatureUse& use);
   absl::Status ReadPointIds(bool features_come_later);
   // Of the points whose descriptor comes from this keyframe, whose features are not kept.
-  void SetAnchors(const map::Keyframe& keyframe, const image::Features& features, const IdIndex& index);
+  void SetAnchors(const map::Keyframe& keyframe, const FeatureBlobs& features, const IdIndex& index,
+                  const std::vector<KeyframeId>& reference_of);
   absl::Status CheckCounts();
 
   Database* database_;

@@ -129,7 +129,7 @@ absl::Status UpdateReader::AddFeatures(const v1::FeaturesRow& row, const map::Ke
   if (!features.ok()) return Bad(name + std::string(features.status().message()));
   const Pinhole* pinhole = PinholeOf(keyframe->camera);
   if (pinhole == nullptr) return Bad(name + "its camera is missing");
-  const absl::string_view wrong = store::WrongFeatures(*features, pinhole, info_.orb.num_levels, std::nullopt);
+  const absl::string_view wrong = store::WrongKeypoints(features->features.keypoints, pinhole, info_.orb.num_levels);
   if (!wrong.empty()) return Bad(absl::StrCat(name, wrong));
   keyframe->features = std::make_shared<const map::KeyframeFeatures>(*std::move(features));
   if (before != nullptr) update_.delta.moved_keypoints.push_back(keyframe->id);

@@ -61,7 +61,7 @@ absl::StatusOr<api::ImageFeatures> FromProto(const v1::ImageFeatures& message) {
                                         ViewOf(row.descriptors()), {});
   if (!unpacked.ok()) return BadFeatures(unpacked.status().message());
   const absl::string_view wrong =
-      store::WrongFeatures(*unpacked, &features.pinhole, features.orb.num_levels, std::nullopt);
+      store::WrongKeypoints(unpacked->features.keypoints, &features.pinhole, features.orb.num_levels);
   if (!wrong.empty()) return BadFeatures(wrong);
   features.features = std::move(unpacked->features);
   return features;
