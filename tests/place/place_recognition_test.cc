@@ -53,6 +53,12 @@ class PlaceRecognition : public testing::Test {
     return view;
   }
 
+  std::vector<float> Weights() const {
+    std::vector<float> weights(vocabulary_->num_words());
+    for (WordId word = 0; word < weights.size(); ++word) weights[word] = vocabulary_->weight(word);
+    return weights;
+  }
+
   fs::path data_;
   absl::StatusOr<Vocabulary> vocabulary_ = absl::UnknownError("not loaded");
 };
@@ -69,7 +75,7 @@ TEST_F(PlaceRecognition, FindsTheOtherCameraOfAStereoPair) {
   if (!fs::is_directory(sequence)) GTEST_SKIP() << sequence << " is not there";
   const std::vector<fs::path> left = ImagesIn(sequence / "cam0" / "data"), right = ImagesIn(sequence / "cam1" / "data");
   ASSERT_EQ(left.size(), right.size());
-  InvertedIndex index(vocabulary_->num_words());
+  InvertedIndex index(Weights());
   std::vector<View> views;
   for (std::uint32_t i = 0; i < left.size(); ++i) {
     views.push_back(MakeView(left[i]));
@@ -127,7 +133,7 @@ TEST_F(PlaceRecognition, FindsOverlappingViewsOfAnEarlierSession) {
     std::snprintf(name, sizeof(name), "%.6f.jpg", time);
     return sequence / "rgb" / name;
   };
-  InvertedIndex index(vocabulary_->num_words());
+  InvertedIndex index(Weights());
   std::vector<std::array<double, 7>> map;
   std::size_t row = 0;
   for (const auto& [time, pose] : poses) {
