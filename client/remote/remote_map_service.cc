@@ -48,6 +48,7 @@ absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Stubs::Ask(const std::stri
 
 absl::Status RemoteOptions::Validate() const {
   if (server.empty()) return absl::InvalidArgumentError("server: name it as HOST:PORT");
+  CAIRN_RETURN_IF_ERROR(wire::CheckAddress(wire::WithPort(server)));
   if (!(deadline_s > 0.0)) return absl::InvalidArgumentError("server: deadline_s must be positive");
   if (!(long_deadline_s > 0.0)) return absl::InvalidArgumentError("server: long_deadline_s must be positive");
   if (!(outage_s >= 0.0)) return absl::InvalidArgumentError("server: outage_s must not be negative");

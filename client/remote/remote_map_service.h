@@ -2,6 +2,7 @@
 // made again by the next one.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -31,6 +32,8 @@ struct RemoteOptions {
   int attempts = 4;
   // A session whose connection breaks tries so long to go on.
   double outage_s = 30.0;
+  // Told why, when that begins; by the thread whose call it is.
+  std::function<void(const absl::Status&)> on_outage;
   TrackAt track_at = TrackAt::kClient;
   LocalTrackerOptions tracker;  // of those at the client
   // Of a larger map they keep a part with so many keyframes, around the camera (client/remote/region_tracker.h); 150 kB

@@ -125,6 +125,7 @@ absl::Status RemoteSession::Persist(const std::function<absl::Status()>& attempt
   absl::Status status = attempt();
   for (int i = 0; IsOutage(status); ++i) {
     if (Clock::now() - begun > std::chrono::duration<double>(options_.outage_s)) return status;
+    if (i == 0 && options_.on_outage) options_.on_outage(status);
     PauseAndConnect(i, channel_.get());
     status = Reconnect();
     if (status.ok()) status = attempt();

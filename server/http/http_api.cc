@@ -88,7 +88,7 @@ HttpResponse Answered(const Call& call, absl::string_view name,
     CAIRN_ASSIGN_OR_RETURN(Request request, FromBody<Request>(call.http.body));
     CAIRN_ASSIGN_OR_RETURN(const QueryParameters parameters, ParseQuery(call.http.query));
     CAIRN_RETURN_IF_ERROR(SetFields(parameters, "map", &request));
-    fill(&request);
+    CAIRN_RETURN_IF_ERROR(fill(&request));
     return rpc(context, request, &response);
   });
   return Json(served, response);
@@ -97,13 +97,19 @@ HttpResponse Answered(const Call& call, absl::string_view name,
 template <class Request, class Response>
 HttpResponse AnsweredOfMap(const Call& call, absl::string_view name,
                            absl::Status (*rpc)(const CallContext&, const Request&, Response*)) {
-  return Answered(call, name, rpc, [&](Request* request) { request->set_map(call.map); });
+  return Answered(call, name, rpc, [&](Request* request) -> absl::Status {
+    if (!request->map().empty() && request->map() != call.map) {
+      return absl::InvalidArgumentError("request: the body names another map than the path");
+    }
+    request->set_map(call.map);
+    return absl::OkStatus();
+  });
 }
 
 template <class Request, class Response>
 HttpResponse AnsweredAsIs(const Call& call, absl::string_view name,
                           absl::Status (*rpc)(const CallContext&, const Request&, Response*)) {
-  return Answered(call, name, rpc, [](Request*) {});
+  return Answered(call, name, rpc, [](Request*) { return absl::OkStatus(); });
 }
 
 HttpResponse LocalizeOver(const Call& call) {
@@ -204,8 +210,10 @@ HttpResponse ExportOver(const Call& call) {
 }
 
 HttpResponse RestoreOver(const Call& call) {
-  return Answered(call, "Admin.RestoreMap", RestoreMap,
-                  [&](v1::RestoreMapRequest* request) { request->set_deleted(call.map); });
+  return Answered(call, "Admin.RestoreMap", RestoreMap, [&](v1::RestoreMapRequest* request) {
+    request->set_deleted(call.map);
+    return absl::OkStatus();
+  });
 }
 
 struct RouteAnswer {

@@ -137,6 +137,9 @@ TEST_F(HttpApiTest, BadRequestsSayWhatIsWrong) {
   refused(Form({{"image", Photo()}, {"camera", "{}"}}), "`model` is missing");
   refused(Form({{"image", Photo()}, {"camera", CameraText()}, {"color", "red"}}), "none of image, camera");
   refused({"POST", "/v1/maps/room:localize", "text/plain", "hello"}, "multipart/form-data");
+  HttpRequest form = Form({{"image", Photo()}, {"camera", CameraText()}});
+  form.query = "time_ns=3";
+  refused(form, "query: with a form");
   refused({"POST", "/v1/maps/room:localize", "application/json", "{\"imagine\":1}"}, "imagine");
   refused({"POST", "/v1/maps/room:localize", "application/json", "{}"}, "camera");
 }
@@ -406,12 +409,21 @@ TEST_F(HttpApiTest, KeepsMaps) {
   EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"as": "room"})").status, 409);
   EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"to": "copy"})").status, 400);
   EXPECT_EQ(post("/v1/maps/kitchen:snapshot", R"({"as": "copy"})").status, 404);
-  EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"as": "copy", "map": "kitchen"})").status, 200) << "the path counts";
+  EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"as": "copy", "map": "kitchen"})").status, 400) << "which of them?";
+  EXPECT_EQ(post("/v1/maps/room:snapshot", R"({"as": "copy", "map": "room"})").status, 200);
   const json placed = json::parse(post("/v1/maps/copy:align", kAnchor).body);
   EXPECT_EQ(placed["geo_anchor_changed"], true);
   EXPECT_EQ(json::parse(Get("/v1/maps/copy").body)["summary"]["geo_anchor"]["latitude_deg"], 60.1699);
   EXPECT_EQ(post("/v1/maps/copy:align", kAnchor).status, 409);
   EXPECT_EQ(post("/v1/maps/copy:align", "{}").status, 400);
+  EXPECT_EQ(post("/v1/maps/copy:align", R"({"map": "room", "remove_anchor": true})").status, 400) << "which of them?";
+  // Numbers that no camera and no room has.
+  for (const char* metres : {"1e300", "1e-300", "-1"}) {
+    const std::string places = absl::StrCat(
+        R"({"overwrite": true, "places": {"distances": [{"from": {"keyframe": 1}, "to": {"keyframe": 2}, "metres": )",
+        metres, "}]}}");
+    EXPECT_EQ(post("/v1/maps/copy:align", places).status, 400) << metres;
+  }
   EXPECT_EQ(json::parse(Get("/v1/maps/copy/log").body)["changes"][0]["reason"], "set the geographic anchor");
   EXPECT_EQ(json::parse(post("/v1/maps/copy:verify", R"({"deep": true})").body)["findings"].size(), 0u);
   const HttpResponse deleted = api_->Handle({"DELETE", "/v1/maps/copy", "", ""});

@@ -62,11 +62,17 @@ absl::StatusOr<Request> FromForm(const std::vector<FormPart>& parts, std::string
   return request;
 }
 
+absl::Status CheckNoQuery(const HttpRequest& http) {
+  if (http.query.empty()) return absl::OkStatus();
+  return absl::InvalidArgumentError("query: with a form, its parts say everything: maps and time_ns stand there");
+}
+
 }  // namespace
 
 absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& http) {
   using Request = v1::LocalizeImageRequest;
   if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http.body);
+  CAIRN_RETURN_IF_ERROR(CheckNoQuery(http));
   CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
   return FromForm<Request>(parts, nullptr);
 }
@@ -74,6 +80,7 @@ absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& 
 absl::StatusOr<v1::LocalizeInMapsRequest> ReadLocalizeInMapsRequest(const HttpRequest& http) {
   using Request = v1::LocalizeInMapsRequest;
   if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http.body);
+  CAIRN_RETURN_IF_ERROR(CheckNoQuery(http));
   CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
   std::string maps;
   CAIRN_ASSIGN_OR_RETURN(Request request, FromForm<Request>(parts, &maps));

@@ -16,10 +16,15 @@ absl::Status KnownPlaces::Validate() const {
     return bad("gravity is a direction, or that of the cameras");
   }
   for (const KnownPosition& position : positions) {
-    if (!position.world_m.allFinite()) return bad("known positions must be finite");
+    // Beyond the earth's diameter something is in other units, or broken.
+    if (!position.world_m.allFinite() || !(position.world_m.norm() <= 2e7)) {
+      return bad("known positions are metres, at most 20000 km from the world's origin");
+    }
   }
   for (const KnownDistance& distance : distances) {
-    if (!(distance.metres > 0.0) || !std::isfinite(distance.metres)) return bad("known distances must be positive");
+    if (!(distance.metres >= 1e-4 && distance.metres <= 1e6)) {
+      return bad("known distances are metres, from 0.0001 to 1000000");
+    }
   }
   return absl::OkStatus();
 }

@@ -65,7 +65,9 @@ struct ComponentAlignment {
   std::vector<double> misfits_s;  // times of the others
   double rmse_fitting_m = 0.0;    // of the positions ...
   double rmse_all_m = 0.0;
-  double scale_sigma = 0.0;  // standard deviations, about the worst axis
+  // Standard deviations, about the worst axis. Of KnownPlaces 0 where nothing is left over to tell: of a single
+  // distance (scale), of gravity and distances (rotation).
+  double scale_sigma = 0.0;
   double rotation_sigma_rad = 0.0;
   double position_sigma_m = 0.0;  // of the middle of the keyframes
   // Of ReferencePoses: the noise that was found, and what its orientations are (kind, camera_from_body, turned_rad,

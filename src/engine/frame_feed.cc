@@ -64,7 +64,8 @@ absl::StatusOr<std::optional<FedFrame>> FrameFeed::Next() {
     return Guarded([&] { return Fetch(); });
   }
   if (options_.stall_s > 0.0 && given_) {
-    catching_up_ |= std::chrono::duration<double>(Clock::now() - *given_).count() > options_.stall_s;
+    const Clock::duration away = Clock::now() - *given_;
+    if (std::chrono::duration<double>(away).count() > options_.stall_s) catch_up_until_ = Clock::now() + 2 * away;
   }
   changed_.wait(lock, [&] { return stopped_ || ended_ || !waiting_.empty(); });
   if (stopped_) return std::optional<FedFrame>();
@@ -72,11 +73,12 @@ absl::StatusOr<std::optional<FedFrame>> FrameFeed::Next() {
     CAIRN_RETURN_IF_ERROR(status_);
     return std::optional<FedFrame>();
   }
-  if (options_.realtime_speed > 0.0 && !catching_up_) ForgetAllButTheLast();
+  const bool catching_up = catch_up_until_ && Clock::now() < *catch_up_until_;
+  if (options_.realtime_speed > 0.0 && !catching_up) ForgetAllButTheLast();
   std::optional<FedFrame> fed(std::move(waiting_.front()));
   waiting_.pop_front();
   fed->dropped_before = dropped_ - std::exchange(dropped_told_, dropped_);
-  catching_up_ &= !waiting_.empty();
+  if (waiting_.empty() || !catching_up) catch_up_until_.reset();
   given_ = Clock::now();
   changed_.notify_all();
   return fed;

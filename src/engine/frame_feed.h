@@ -27,7 +27,8 @@ struct FrameFeedOptions {
   // frame that arrives while another one still waits replaces it.
   double realtime_speed = 0.0;
   // In real time: whoever stays away for longer than this, as he waits for a server to come back, is given every frame
-  // that came meanwhile, as many as fit into `kept_bytes` (the newest). 0: only ever the last one.
+  // that came meanwhile, as many as fit into `kept_bytes` (the newest), for up to twice as long as he was away: who has
+  // not caught up by then is too slow for the camera. 0: only ever the last one.
   double stall_s = 0.0;
   std::size_t kept_bytes = 256u << 20;
 
@@ -90,8 +91,8 @@ class FrameFeed {
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
   std::deque<FedFrame> waiting_;
-  std::optional<Clock::time_point> given_;  // when Next() returned the last frame
-  bool catching_up_ = false;                // after a stall, until nothing waits
+  std::optional<Clock::time_point> given_;           // when Next() returned the last frame
+  std::optional<Clock::time_point> catch_up_until_;  // after a stall, unless nothing waits before
   absl::Status status_;
   bool ended_ = false;    // no more will come
   bool stopped_ = false;  // no more is wanted

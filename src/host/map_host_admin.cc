@@ -43,7 +43,11 @@ absl::StatusOr<api::MapSummary> MapHost::Create(const std::string& map, const st
     options.at_once = true;
     auto created = store::CreateMapStore(FileOf(map), NewInfo(title.empty() ? map : title, *vocabulary), options);
     if (!created.ok()) return Told(created.status());
-    CAIRN_RETURN_IF_ERROR(Told((*created)->Close()));
+    if (const absl::Status closed = (*created)->Close(); !closed.ok()) {
+      created->reset();
+      for (const char* suffix : {"", "-wal", "-shm", "-lock"}) std::filesystem::remove(FileOf(map) + suffix, error);
+      return Told(closed);
+    }
     return Summarize(map);
   });
 }

@@ -122,6 +122,7 @@ class ServedSessions(unittest.TestCase):
         self.assertGreater(told['frames_before_restart'], 0, 'which have no final pose, and that is said')
         # The camera's frames waited for the server: what came before the kill may be replaced on a busy machine.
         self.assertLess(told['longest_gap_s'], 0.75)
+        self.assertIn('waits for its server', err)
         # The client went on by itself, in a further session of the same map.
         info = must('info', self.maps / 'office.cairn')
         self.assertEqual([s['complete'] for s in info['sessions']], [False, True])

@@ -65,7 +65,15 @@ absl::StatusOr<int> Top(const TopOptions& options) {
   if (terminal) std::fputs("\x1b[2J", stdout);
   std::optional<api::ServerStatus> before;
   for (int looks = 1;; ++looks) {
-    CAIRN_ASSIGN_OR_RETURN(const api::ServerStatus now, service->Status());
+    const absl::StatusOr<api::ServerStatus> looked = service->Status();
+    // Once seen it may be gone for a while: who watches wants to see it come back.
+    if (absl::IsUnavailable(looked.status()) && before) {
+      Show({std::string(looked.status().message())}, terminal);
+      if (looks == options.count || pause.Wait(options.interval_s)) return interrupts.exit_code();
+      continue;
+    }
+    CAIRN_RETURN_IF_ERROR(looked.status());
+    const api::ServerStatus& now = *looked;
     if (before && now.uptime_s < before->uptime_s) before.reset();  // it was started anew
     const double seconds = before ? now.uptime_s - before->uptime_s : now.uptime_s;
     const api::ServerStatus* since = before ? &*before : nullptr;

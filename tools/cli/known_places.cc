@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "io/text_lines.h"
 #include "text/text.h"
@@ -81,6 +82,12 @@ absl::StatusOr<api::KnownDistance> DistanceFrom(const std::string& text) {
   return distance;
 }
 
+// 0: what was measured leaves nothing over that would tell.
+nlohmann::ordered_json SigmaAsJson(double sigma) { return sigma > 0.0 ? nlohmann::ordered_json(sigma) : nullptr; }
+std::string SigmaText(double sigma, const char* unit) {
+  return sigma > 0.0 ? absl::StrFormat("+- %.2g %s", sigma, unit) : "(nothing tells how sure)";
+}
+
 }  // namespace
 
 absl::StatusOr<api::KnownPlaces> ReadKnownPlaces(const KnownPlacesOptions& options) {
@@ -110,13 +117,13 @@ void PrintKnownAlignment(const std::string& map, const api::AlignAnswer& answer,
                {"scale", aligned.world_from_component.scale()},
                {"rmse_m", aligned.rmse_all_m},
                {"errors_m", aligned.errors_m},
-               {"scale_sigma_share", aligned.scale_sigma},
-               {"rotation_sigma_deg", rotation_deg}});
+               {"scale_sigma_share", SigmaAsJson(aligned.scale_sigma)},
+               {"rotation_sigma_deg", SigmaAsJson(rotation_deg)}});
     return;
   }
-  std::printf("%s, component %u, is aligned: scale %.4f +- %.2g %%, rotation +- %.2g deg\n", text::Shown(map).c_str(),
-              aligned.component.value(), aligned.world_from_component.scale(), 100.0 * aligned.scale_sigma,
-              rotation_deg);
+  std::printf("%s, component %u, is aligned: scale %.4f %s, rotation %s\n", text::Shown(map).c_str(),
+              aligned.component.value(), aligned.world_from_component.scale(),
+              SigmaText(100.0 * aligned.scale_sigma, "%").c_str(), SigmaText(rotation_deg, "deg").c_str());
   if (aligned.errors_m.empty()) return;
   std::printf("  what is known is off by %.4f m (RMSE of %zu)\n", aligned.rmse_all_m, aligned.errors_m.size());
 }

@@ -21,7 +21,7 @@ namespace cairn::cli {
 namespace {
 
 // A server that takes longer than this for a frame is away rather than slow: the camera's frames wait for it.
-constexpr double kStallS = 0.25;
+constexpr double kStallS = 0.5;
 
 api::SessionRequest RequestOf(const RunOptions& options, const io::SourceInfo& info) {
   api::SessionRequest request;
@@ -59,6 +59,9 @@ class AnsweredPoses {
     }
     return poses;
   }
+  std::int64_t Before(TimeNs time_ns) const {
+    return std::ranges::count_if(poses_, [&](const api::SessionAnswer& answer) { return answer.time_ns < time_ns; });
+  }
   // Of a session that failed: where it was last, in the frame of the last answer.
   std::vector<io::StampedPose> Last() const {
     if (poses_.empty()) return {};
@@ -83,7 +86,8 @@ absl::Status WriteTrajectory(const RunOptions& options, const std::vector<io::St
 
 struct ServedTrajectory {
   std::vector<io::StampedPose> poses;
-  std::int64_t as_answered = 0;  // of them, of before the server was started again
+  std::int64_t as_answered = 0;      // of them, of before the server was started again
+  std::int64_t answered_before = 0;  // with a pose then, wherever it was
 };
 
 ServedTrajectory TrajectoryOf(const api::SessionSummary& summary, const AnsweredPoses& answered) {
@@ -92,7 +96,11 @@ ServedTrajectory TrajectoryOf(const api::SessionSummary& summary, const Answered
   if (!summary.poses.empty()) {
     trajectory.poses = answered.In(summary.component, world, summary.poses.front().time_ns);
   }
-  if (answered.answers() <= summary.frames) trajectory.poses.clear();  // one session: it knows best
+  if (answered.answers() > summary.frames && !summary.poses.empty()) {
+    trajectory.answered_before = answered.Before(summary.poses.front().time_ns);
+  } else {
+    trajectory.poses.clear();  // one session: it knows best
+  }
   trajectory.as_answered = static_cast<std::int64_t>(trajectory.poses.size());
   for (const api::SessionSummary::Pose& pose : summary.poses) {
     trajectory.poses.push_back(
@@ -113,13 +121,14 @@ absl::Status WriteTrajectory(const RunOptions& options, const api::SessionSummar
 
 void PrintServedRun(const RunOptions& options, const api::SessionSummary& summary, const io::SourceInfo& info,
                     const FeedReport& feed, const InterruptWatch& interrupt, std::optional<std::int64_t> live_poses,
-                    std::int64_t answered, const ServedTrajectory& trajectory) {
+                    const AnsweredPoses& answered, const ServedTrajectory& trajectory) {
   // A server that was killed began another session with what was not durable: the last one alone has final poses.
-  const std::int64_t before_restart = std::max<std::int64_t>(0, answered - summary.frames);
+  const std::int64_t before_restart = std::max<std::int64_t>(0, answered.answers() - summary.frames);
+  const std::int64_t tracked = summary.frames_tracked + trajectory.answered_before;
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}};
     AddFrameAndUnit(summary.world_from_component.has_value(), &json);
-    AddFeedJson(feed, info, summary.frames_tracked, interrupt, &json);
+    AddFeedJson(feed, info, tracked, interrupt, &json);
     json.update({{"session", summary.session.value()},
                  {"result", map::SessionResultName(summary.result)},
                  {"component", summary.component.value()},
@@ -141,7 +150,7 @@ void PrintServedRun(const RunOptions& options, const api::SessionSummary& summar
               summary.result == map::SessionResult::kLocated ? "found in what was there"
               : summary.result == map::SessionResult::kApart ? "joined to nothing that was there"
                                                              : "made the map");
-  PrintFeed(feed, info, summary.frames_tracked, interrupt);
+  PrintFeed(feed, info, tracked, interrupt);
   if (before_restart > 0) {
     std::printf(
         "  the server was started again on the way: %lld frames before that are in the map, but have no final pose\n",
@@ -219,7 +228,7 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   }
   const ServedTrajectory trajectory = TrajectoryOf(summary, answered);
   CAIRN_RETURN_IF_ERROR(WriteTrajectory(options, summary, trajectory));
-  PrintServedRun(options, summary, source->info(), *feed, *interrupt, live.count(), answered.answers(), trajectory);
+  PrintServedRun(options, summary, source->info(), *feed, *interrupt, live.count(), answered, trajectory);
   return live.status();
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <filesystem>
+#include <iostream>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -80,6 +81,10 @@ absl::StatusOr<client::RemoteOptions> RemoteOptionsOf(const ServerChoice& server
   CAIRN_ASSIGN_OR_RETURN(access.token, TokenOf(server));
   CAIRN_ASSIGN_OR_RETURN(client::RemoteOptions options, client::RemoteOptionsFor(server.address, std::move(access)));
   options.send_features = server.send_features;
+  options.on_outage = [outage_s = options.outage_s](const absl::Status& status) {
+    std::cerr << "the session waits for its server, up to " << outage_s << " s: " << std::string(status.message())
+              << "\n";
+  };
   return options;
 }
 
