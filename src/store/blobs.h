@@ -33,6 +33,7 @@ struct PackedFeatures {
 };
 
 PackedFeatures PackFeatures(const map::KeyframeFeatures& features);
+
 // The features of a keyframe as blobs hold them, to look at some of them without unpacking all.
 class FeatureBlobs {
  public:

@@ -14,10 +14,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       const std::size_t keypoints = std::min<std::size_t>(bytes.size(), static_cast<std::size_t>(second));
       const std::size_t descriptors = std::min<std::size_t>(bytes.size() - keypoints, static_cast<std::size_t>(third));
       const auto features =
-          store::UnpackFeatures(first, data[0] / 4 % 4, data[0] / 16, bytes.subspan(0, keypoints),
-                                bytes.subspan(keypoints, descriptors), bytes.subspan(keypoints + descriptors));
+          store::FeatureBlobs::Create(first, data[0] / 4 % 4, data[0] / 16, bytes.subspan(0, keypoints),
+                                      bytes.subspan(keypoints, descriptors), bytes.subspan(keypoints + descriptors));
       const Pinhole camera{640, 480, 300.0, 300.0, 320.0, 240.0};
-      if (features.ok()) (void)store::WrongFeatures(*features, &camera, 8, 1000);
+      if (!features.ok()) break;
+      (void)store::WrongKeypoints(*features, &camera, 8);
+      (void)store::WrongWords(features->Words(), 1000);
+      const map::KeyframeFeatures unpacked = features->Unpack();
+      (void)store::WrongKeypoints(unpacked.features.keypoints, &camera, 8);
       break;
     }
     case 1:
