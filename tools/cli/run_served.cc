@@ -93,13 +93,11 @@ struct ServedTrajectory {
 ServedTrajectory TrajectoryOf(const api::SessionSummary& summary, const AnsweredPoses& answered) {
   ServedTrajectory trajectory;
   const auto& world = summary.world_from_component;
-  if (!summary.poses.empty()) {
-    trajectory.poses = answered.In(summary.component, world, summary.poses.front().time_ns);
-  }
+  // Of one session the summary has everything.
   if (answered.answers() > summary.frames && !summary.poses.empty()) {
-    trajectory.answered_before = answered.Before(summary.poses.front().time_ns);
-  } else {
-    trajectory.poses.clear();  // one session: it knows best
+    const TimeNs first_ns = summary.poses.front().time_ns;
+    trajectory.poses = answered.In(summary.component, world, first_ns);
+    trajectory.answered_before = answered.Before(first_ns);
   }
   trajectory.as_answered = static_cast<std::int64_t>(trajectory.poses.size());
   for (const api::SessionSummary::Pose& pose : summary.poses) {
