@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "image/hamming.h"
+#include "place/weighing.h"
 
 namespace cairn::place {
 
@@ -191,19 +192,8 @@ BagOfWords Vocabulary::Transform(std::span<const image::Descriptor> descriptors,
   std::vector<NodeId> nodes;
   std::vector<WordId> words = LookupAll(descriptors, direct_level, &nodes);
   for (std::uint32_t i = 0; i < descriptors.size(); ++i) bag.direct.push_back({nodes[i], i});
-  std::erase_if(words, [&](WordId word) { return !(weight_[word] > 0.0f); });
   std::sort(bag.direct.begin(), bag.direct.end());
-  std::sort(words.begin(), words.end());
-  double sum = 0.0;
-  for (std::size_t begin = 0; begin < words.size();) {
-    std::size_t end = begin;
-    while (end < words.size() && words[end] == words[begin]) ++end;
-    const double weight = static_cast<double>(end - begin) * weight_[words[begin]];
-    bag.words.push_back({words[begin], static_cast<float>(weight)});
-    sum += weight;
-    begin = end;
-  }
-  for (WeightedWord& word : bag.words) word.weight = static_cast<float>(word.weight / sum);
+  bag.words = Weigh(std::move(words), weight_);
   return bag;
 }
 
