@@ -337,6 +337,9 @@ TEST_P(MapSessionConformance, PoliciesAndCamerasThatDoNotFitAreRefused) {
   api::SessionRequest bad = Request("fresh", map::SessionPolicy::kCreate);
   bad.camera.fx_px = -1.0;
   EXPECT_EQ(refused(bad), absl::StatusCode::kInvalidArgument);
+  api::SessionRequest other = Request("room", map::SessionPolicy::kExtend);
+  other.map_id = "0123456789abcdef0123456789abcdef";
+  EXPECT_EQ(refused(other), absl::StatusCode::kAborted) << "another map than the one that is meant";
   EXPECT_EQ(service_->List()->size(), 2u) << "nothing was left behind";
 }
 

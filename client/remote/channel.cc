@@ -12,6 +12,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_format.h"
+#include "store/fault.h"
 #include "wire/errors.h"
 
 namespace cairn::client {
@@ -129,6 +130,19 @@ std::chrono::milliseconds PauseBefore(int attempt) {
 void PauseAndConnect(int attempt, grpc::Channel* channel) {
   std::this_thread::sleep_for(PauseBefore(attempt));
   channel->WaitForConnected(std::chrono::system_clock::now() + kLongestConnecting);
+}
+
+bool IsOutage(const absl::Status& status) {
+  const bool unreachable = absl::IsUnavailable(status) || absl::IsCancelled(status);
+  return unreachable && store::FaultOf(status) == store::Fault::kNone;  // a map that is busy is no server that is away
+}
+
+bool Outage::Wait(const absl::Status& status) {
+  const auto given_up = [&] { return options_.give_up && options_.give_up(); };
+  if (given_up() || Clock::now() - begun_ > std::chrono::duration<double>(options_.outage_s)) return false;
+  if (attempts_ == 0 && options_.on_outage) options_.on_outage(status);
+  PauseAndConnect(attempts_++, &channel_);
+  return !given_up();
 }
 
 absl::Status FromGrpc(const grpc::Status& status, const RemoteOptions& options) {

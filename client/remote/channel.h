@@ -23,6 +23,27 @@ std::chrono::milliseconds PauseBefore(int attempt);
 // after its connections: left alone it does so every five seconds only.
 void PauseAndConnect(int attempt, grpc::Channel* channel);
 
+// The connection failed, or the server stops: not an answer to what was asked.
+bool IsOutage(const absl::Status& status);
+
+// The wait for a server that has gone away, of one call.
+class Outage {
+ public:
+  // Both must outlive it.
+  Outage(const RemoteOptions& options, grpc::Channel* channel) : options_(options), channel_(*channel) {}
+
+  // After a call that ended in an outage: pauses, longer from one to the next, and returns true: try again. False once
+  // it has taken RemoteOptions::outage_s, or who waits gives up.
+  bool Wait(const absl::Status& status);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  const RemoteOptions& options_;
+  grpc::Channel& channel_;
+  const Clock::time_point begun_ = Clock::now();
+  int attempts_ = 0;
+};
+
 // With its fault, and for a server that cannot be reached with its name and what to do.
 absl::Status FromGrpc(const grpc::Status& status, const RemoteOptions& options);
 

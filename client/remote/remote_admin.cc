@@ -13,7 +13,7 @@ absl::StatusOr<std::vector<api::ActiveSession>> RemoteMapService::Sessions(const
   request.set_map(map);
   v1::ListSessionsResponse response;
   CAIRN_RETURN_IF_ERROR(
-      stubs_->Call([&](auto* call) { return stubs_->sessions->ListSessions(call, request, &response); }));
+      stubs_->Read([&](auto* call) { return stubs_->sessions->ListSessions(call, request, &response); }));
   std::vector<api::ActiveSession> sessions;
   for (const v1::ActiveSession& session : response.sessions()) sessions.push_back(wire::FromProto(session));
   return sessions;
@@ -58,7 +58,7 @@ absl::StatusOr<std::string> RemoteMapService::Delete(const std::string& map) {
 
 absl::StatusOr<std::vector<api::DeletedMap>> RemoteMapService::ListDeleted() {
   v1::ListDeletedMapsResponse response;
-  CAIRN_RETURN_IF_ERROR(stubs_->Call([&](auto* call) { return stubs_->admin->ListDeletedMaps(call, {}, &response); }));
+  CAIRN_RETURN_IF_ERROR(stubs_->Read([&](auto* call) { return stubs_->admin->ListDeletedMaps(call, {}, &response); }));
   std::vector<api::DeletedMap> maps;
   for (const v1::DeletedMap& map : response.maps()) maps.push_back(wire::FromProto(map));
   return maps;
@@ -82,7 +82,7 @@ absl::StatusOr<api::MapVerification> RemoteMapService::Verify(const std::string&
   request.set_deep(depth == api::VerifyDepth::kDeep);
   v1::VerifyMapResponse response;
   CAIRN_RETURN_IF_ERROR(
-      stubs_->LongCall([&](auto* call) { return stubs_->admin->VerifyMap(call, request, &response); }));
+      stubs_->LongRead([&](auto* call) { return stubs_->admin->VerifyMap(call, request, &response); }));
   return wire::FromProto(response);
 }
 
@@ -117,7 +117,7 @@ absl::StatusOr<api::MapLog> RemoteMapService::Log(const std::string& map, const 
   request.set_session(query.session.value());
   request.set_max_count(query.max_count);
   v1::ReadLogResponse response;
-  CAIRN_RETURN_IF_ERROR(stubs_->Call([&](auto* call) { return stubs_->admin->ReadLog(call, request, &response); }));
+  CAIRN_RETURN_IF_ERROR(stubs_->Read([&](auto* call) { return stubs_->admin->ReadLog(call, request, &response); }));
   return wire::FromProto(response);
 }
 

@@ -42,7 +42,7 @@ absl::StatusOr<api::LocalizeAnswer> RemoteMapService::Stubs::Ask(const std::stri
   request.set_time_ns(query.time_ns);
   if (query.prior) wire::ToProto(*query.prior, request.mutable_prior());
   v1::LocalizeImageResponse response;
-  CAIRN_RETURN_IF_ERROR(Call([&](auto* call) { return localize->LocalizeImage(call, request, &response); }));
+  CAIRN_RETURN_IF_ERROR(Read([&](auto* call) { return localize->LocalizeImage(call, request, &response); }));
   return wire::FromProto(response);
 }
 
@@ -80,7 +80,7 @@ absl::StatusOr<std::unique_ptr<RemoteMapService>> RemoteMapService::Connect(cons
 
 absl::StatusOr<std::vector<api::MapSummary>> RemoteMapService::List() {
   v1::ListMapsResponse response;
-  CAIRN_RETURN_IF_ERROR(stubs_->Call([&](auto* call) { return stubs_->maps->ListMaps(call, {}, &response); }));
+  CAIRN_RETURN_IF_ERROR(stubs_->Read([&](auto* call) { return stubs_->maps->ListMaps(call, {}, &response); }));
   std::vector<api::MapSummary> maps;
   for (const v1::MapSummary& map : response.maps()) {
     CAIRN_ASSIGN_OR_RETURN(maps.emplace_back(), wire::FromProto(map));
@@ -95,7 +95,7 @@ absl::StatusOr<api::MapDescription> RemoteMapService::Stubs::Describe(const std:
   v1::DescribeMapRequest request;
   request.set_map(map);
   v1::DescribeMapResponse response;
-  CAIRN_RETURN_IF_ERROR(Call([&](auto* call) { return maps->DescribeMap(call, request, &response); }));
+  CAIRN_RETURN_IF_ERROR(Read([&](auto* call) { return maps->DescribeMap(call, request, &response); }));
   return wire::FromProto(response);
 }
 
@@ -122,7 +122,7 @@ absl::StatusOr<api::AcrossAnswer> RemoteMapService::LocalizeAcross(const std::ve
   request.set_time_ns(query.time_ns);
   v1::LocalizeInMapsResponse response;
   CAIRN_RETURN_IF_ERROR(
-      stubs_->LongCall([&](auto* call) { return stubs_->localize->LocalizeInMaps(call, request, &response); }));
+      stubs_->LongRead([&](auto* call) { return stubs_->localize->LocalizeInMaps(call, request, &response); }));
   return wire::FromProto(response);
 }
 

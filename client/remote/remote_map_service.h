@@ -30,10 +30,13 @@ struct RemoteOptions {
   double long_deadline_s = 1800.0;        // of calls that go over all of a map: copies, checks, files
   // A call that only reads is made again when the server could not be reached, so often in all, after 0.1 to 1 s.
   int attempts = 4;
-  // A session whose connection breaks tries so long to go on.
+  // A session or a tracker at the server whose connection breaks tries so long to go on, as do calls that only read,
+  // once the server has answered before: one that is started again is back within a second or two.
   double outage_s = 30.0;
   // Told why, when that begins; by the thread whose call it is.
   std::function<void(const absl::Status&)> on_outage;
+  // Asked meanwhile, again and again: true ends the wait (Ctrl-C). By the thread whose call it is.
+  std::function<bool()> give_up;
   TrackAt track_at = TrackAt::kClient;
   LocalTrackerOptions tracker;  // of those at the client
   // Of a larger map they keep a part with so many keyframes, around the camera (client/remote/region_tracker.h); 150 kB

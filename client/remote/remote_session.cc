@@ -16,8 +16,6 @@ namespace {
 constexpr std::size_t kMaxKeptFrames = 600;
 constexpr std::size_t kMaxKeptBytes = 256u << 20;
 
-bool IsOutage(const absl::Status& status) { return absl::IsUnavailable(status) || absl::IsCancelled(status); }
-
 }  // namespace
 
 RemoteSession::RemoteSession(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel)
@@ -77,6 +75,7 @@ absl::Status RemoteSession::Open(const v1::StartSession& start) {
   CAIRN_RETURN_IF_ERROR(Exchange(request, &response));
   const v1::SessionStarted& started = response.started();
   token_ = started.token();
+  request_.map_id = started.map_id();
   if (start.token().empty()) return absl::OkStatus();
   request_.map = started.map();
   if (started.has_camera()) {
@@ -99,7 +98,7 @@ absl::Status RemoteSession::Reconnect() {
 }
 
 absl::Status RemoteSession::BeginAnew() {
-  api::SessionRequest request = request_;
+  api::SessionRequest request = request_;  // with the id of the map: nobody else's that has its name now is extended
   if (ever_durable_) request.policy = map::SessionPolicy::kExtend;
   if (!kept_.empty()) request.first_ns = kept_.front().frame().time_ns();
   v1::StartSession start;
@@ -121,12 +120,9 @@ absl::Status RemoteSession::BeginAnew() {
 }
 
 absl::Status RemoteSession::Persist(const std::function<absl::Status()>& attempt) {
-  const Clock::time_point begun = Clock::now();
+  Outage outage(options_, channel_.get());
   absl::Status status = attempt();
-  for (int i = 0; IsOutage(status); ++i) {
-    if (Clock::now() - begun > std::chrono::duration<double>(options_.outage_s)) return status;
-    if (i == 0 && options_.on_outage) options_.on_outage(status);
-    PauseAndConnect(i, channel_.get());
+  while (IsOutage(status) && outage.Wait(status)) {
     status = Reconnect();
     if (status.ok()) status = attempt();
   }

@@ -5,7 +5,6 @@
 
 #include <cairn/v1/sessions.grpc.pb.h>
 
-#include <chrono>
 #include <deque>
 #include <functional>
 #include <memory>
@@ -31,6 +30,7 @@ class RemoteSession final : public api::MapSession {
 
   const std::string& token() const override { return token_; }
   const std::string& map() const override { return request_.map; }
+  const std::string& map_id() const override { return request_.map_id; }
   const Camera& camera() const override { return request_.camera; }
   const std::optional<api::SessionAnswer>& last_answer() const override { return last_answer_; }
   const api::SessionProgress& progress() const override { return progress_; }
@@ -41,7 +41,6 @@ class RemoteSession final : public api::MapSession {
 
  private:
   using Stream = grpc::ClientReaderWriter<v1::RunSessionRequest, v1::RunSessionResponse>;
-  using Clock = std::chrono::steady_clock;
 
   RemoteSession(const RemoteOptions& options, std::shared_ptr<grpc::Channel> channel);
 

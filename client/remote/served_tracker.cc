@@ -54,12 +54,18 @@ absl::StatusOr<api::TrackAnswer> ServedTracker::Track(const api::TrackFrame& fra
   return Guarded([&]() -> absl::StatusOr<api::TrackAnswer> {
     const auto begin = std::chrono::steady_clock::now();
     CAIRN_RETURN_IF_ERROR(CheckImage(frame.image, camera_, "track"));
-    CAIRN_RETURN_IF_ERROR(Connect());
     v1::TrackFramesRequest request;
     request.mutable_frame()->set_time_ns(frame.time_ns);
     wire::ToProto(frame.image, request.mutable_frame()->mutable_image());
     v1::TrackFramesResponse response;
-    CAIRN_RETURN_IF_ERROR(Exchange(request, &response));
+    const auto attempt = [&]() -> absl::Status {
+      CAIRN_RETURN_IF_ERROR(Connect());
+      return Exchange(request, &response);
+    };
+    Outage outage(options_, channel_.get());
+    absl::Status status = attempt();
+    while (IsOutage(status) && outage.Wait(status)) status = attempt();
+    CAIRN_RETURN_IF_ERROR(status);
     CAIRN_ASSIGN_OR_RETURN(api::TrackAnswer answer, wire::FromProto(response.answer()));
     answer.track_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
     return answer;

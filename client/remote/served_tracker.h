@@ -21,7 +21,8 @@ class ServedTracker final : public api::Tracker {
                                                              const std::string& map, const Camera& camera);
   ~ServedTracker() override;
 
-  // Unavailable if the connection breaks: the next call makes it again, and the tracker finds itself anew.
+  // A connection that breaks is made again, for RemoteOptions::outage_s at most, and the tracker at the server finds
+  // itself anew. Unavailable if that takes longer; the next call tries once more.
   absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override;
 
  private:

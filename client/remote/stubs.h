@@ -7,6 +7,7 @@
 #include <cairn/v1/sessions.grpc.pb.h>
 #include <cairn/v1/status.grpc.pb.h>
 
+#include <atomic>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -41,6 +42,23 @@ struct RemoteMapService::Stubs {
   absl::Status LongCall(Function&& call) const {
     return CallWithin(options.long_deadline_s, std::forward<Function>(call));
   }
+  // The same of calls that only read.
+  template <class Function>
+  absl::Status Read(Function&& call) const {
+    return ReadWithin(options.deadline_s, std::forward<Function>(call));
+  }
+  template <class Function>
+  absl::Status LongRead(Function&& call) const {
+    return ReadWithin(options.long_deadline_s, std::forward<Function>(call));
+  }
+  template <class Function>
+  absl::Status ReadWithin(double deadline_s, const Function& call) const {
+    Outage outage(options, channel.get());
+    absl::Status status = CallWithin(deadline_s, call);
+    while (answered && IsOutage(status) && outage.Wait(status)) status = CallWithin(deadline_s, call);
+    if (!IsOutage(status)) answered = true;
+    return status;
+  }
   template <class Function>
   absl::Status CallWithin(double deadline_s, Function&& call) const {
     return Guarded([&] {
@@ -64,6 +82,7 @@ struct RemoteMapService::Stubs {
   const std::unique_ptr<v1::Admin::Stub> admin;
   const std::unique_ptr<v1::Status::Stub> status;
 
+  mutable std::atomic<bool> answered = false;  // there is a server at that address, or was
   FeatureSender sender;
   std::mutex mutex;  // of the maps that are followed
   std::map<std::string, std::weak_ptr<FollowedMap>> followed;

@@ -23,9 +23,14 @@ ordered_json LineOf(const Client& client, const absl::Status& outcome) {
   return line;
 }
 
-void Write(JsonLog* log, const ordered_json& line) {
-  const absl::Status written = log->Append(line.dump(-1, ' ', false, ordered_json::error_handler_t::replace));
+std::string Dumped(const ordered_json& line) {
+  return line.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
+}
+
+bool Write(JsonLog* log, const std::string& line) {
+  const absl::Status written = log->Append(line);
   if (!written.ok()) spdlog::error("{}", std::string(written.message()));
+  return written.ok();
 }
 
 absl::Status Unknown() {
@@ -97,7 +102,30 @@ void Access::Record(const Client& client, const Change& change, const absl::Stat
   line["map"] = change.map;
   if (!outcome.ok()) line["message"] = std::string(outcome.message());
   if (!change.details.empty()) line["details"] = ordered_json::parse(change.details, nullptr, false);
-  Write(audit_.get(), line);
+  Audit(Dumped(line));
+}
+
+void Access::Audit(const std::string& line) {
+  if (!Write(audit_.get(), line)) ++lost_audit_lines_;
+}
+
+void Access::RecordUnknown(const Caller& caller, const std::string& request_id, const absl::Status& refused) {
+  if (audit_ == nullptr) return;
+  constexpr std::chrono::seconds kPause(1);
+  std::int64_t attempts = 0;
+  {
+    const std::lock_guard lock(unknown_mutex_);
+    ++unknown_;
+    const auto now = std::chrono::steady_clock::now();
+    if (unknown_written_ && now - *unknown_written_ < kPause) return;
+    unknown_written_ = now;
+    attempts = std::exchange(unknown_, 0);
+  }
+  ordered_json line = LineOf({.peer = caller.peer, .request_id = request_id}, refused);
+  line["action"] = "unknown_client";
+  line["message"] = std::string(refused.message());
+  line["details"] = {{"attempts", attempts}};
+  Audit(Dumped(line));
 }
 
 void Access::RecordRequest(const Client& client, const std::string& call, const absl::Status& outcome, double seconds,
@@ -107,7 +135,7 @@ void Access::RecordRequest(const Client& client, const std::string& call, const 
   line["call"] = call;
   line["ms"] = std::round(1e6 * seconds) / 1e3;
   line["bytes"] = bytes;
-  Write(requests_.get(), line);
+  Write(requests_.get(), Dumped(line));
 }
 
 }  // namespace cairn::server

@@ -1,7 +1,12 @@
 // Who may do what, how much of it, and what is written down about it. Any thread.
 #pragma once
 
+#include <atomic>
+#include <chrono>
+#include <cstdint>
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
 
 #include "base/status.h"
@@ -48,17 +53,27 @@ class Access {
 
   // One line in the audit log. `outcome`: how the change went; one that was refused is written down, too.
   void Record(const Client& client, const Change& change, const absl::Status& outcome);
+  // Somebody who could not say who they are: a line in the audit log, one a second at most, with how many there were
+  // since the one before, so that knocking does not fill a disk.
+  void RecordUnknown(const Caller& caller, const std::string& request_id, const absl::Status& refused);
+  // Lines of the audit log that could not be written: what they were of has happened all the same.
+  std::int64_t lost_audit_lines() const { return lost_audit_lines_; }
   // One line in the log of requests.
   void RecordRequest(const Client& client, const std::string& call, const absl::Status& outcome, double seconds,
                      std::int64_t bytes);
 
  private:
   explicit Access(const AccessOptions& options) : limits_(options.limits) {}
+  void Audit(const std::string& line);
 
   std::unique_ptr<TokenStore> tokens_;  // null: not asked for
   std::unique_ptr<JsonLog> audit_;
   std::unique_ptr<JsonLog> requests_;
   ClientLimits limits_;
+  std::atomic<std::int64_t> lost_audit_lines_ = 0;
+  std::mutex unknown_mutex_;  // guards what follows
+  std::int64_t unknown_ = 0;  // since the last line
+  std::optional<std::chrono::steady_clock::time_point> unknown_written_;
 };
 
 }  // namespace cairn::server

@@ -25,6 +25,7 @@ class FakeSession : public api::MapSession {
   explicit FakeSession(std::string map) : map_(std::move(map)) {}
   const std::string& token() const override { return token_; }
   const std::string& map() const override { return map_; }
+  const std::string& map_id() const override { return map_id_; }
   const Camera& camera() const override { return camera_; }
   const std::optional<api::SessionAnswer>& last_answer() const override { return last_answer_; }
   const api::SessionProgress& progress() const override { return progress_; }
@@ -34,7 +35,7 @@ class FakeSession : public api::MapSession {
   absl::StatusOr<api::SessionSummary> Finish() override { return api::SessionSummary(); }
 
  private:
-  const std::string token_ = "session", map_;
+  const std::string token_ = "session", map_, map_id_;
   const Camera camera_;
   const std::optional<api::SessionAnswer> last_answer_;
   const api::SessionProgress progress_;
@@ -265,6 +266,45 @@ TEST_F(AccessTest, ChangesAreWrittenDownWithWhoMadeThemAndSoAreAttempts) {
   EXPECT_EQ(lines[2]["outcome"], "permission_denied");
 }
 
+TEST_F(AccessTest, ASessionThatCouldNotGoOnIsNoneThatItsClientLeft) {
+  { const auto left = *As(robot_).StartSession(Request("office")); }
+  {
+    const auto revoked = *As(robot_).StartSession(Request("office"));
+    ASSERT_TRUE(RevokeToken(options_.tokens, "robot").ok());
+    EXPECT_FALSE(revoked->AddFrame({}).ok());
+  }
+  const std::vector<json> lines = Audit();
+  ASSERT_EQ(lines.size(), 4u);
+  EXPECT_EQ(lines[1]["action"], "session_left");
+  EXPECT_EQ(lines[1]["outcome"], "ok");
+  EXPECT_EQ(lines[3]["action"], "session_failed");
+  EXPECT_EQ(lines[3]["outcome"], "unauthenticated");
+}
+
+// However often they knock.
+TEST_F(AccessTest, WhoIsNotKnownLeavesALineASecond) {
+  Caller caller;
+  caller.peer = "192.0.2.9";
+  const absl::Status refused = access_->Identify(caller).status();
+  for (int i = 0; i < 100; ++i) access_->RecordUnknown(caller, "r" + std::to_string(i), refused);
+  std::vector<json> lines = Audit();
+  ASSERT_LE(lines.size(), 2u);  // a slow machine may come to a second one
+  EXPECT_EQ(lines[0]["action"], "unknown_client");
+  EXPECT_EQ(lines[0]["peer"], "192.0.2.9");
+  EXPECT_EQ(lines[0]["request"], "r0");
+  EXPECT_EQ(lines[0]["outcome"], "unauthenticated");
+  EXPECT_EQ(lines[0]["details"]["attempts"], 1);
+}
+
+TEST_F(AccessTest, LinesThatCannotBeWrittenAreCounted) {
+  EXPECT_FALSE(As(reader_).StartSession(Request("office")).ok());
+  EXPECT_EQ(access_->lost_audit_lines(), 0);
+  std::filesystem::rename(options_.audit_log, options_.audit_log + ".1");
+  std::filesystem::create_directory(options_.audit_log);
+  EXPECT_TRUE(As(robot_).StartSession(Request("office")).ok()) << "the change stands";
+  EXPECT_GE(access_->lost_audit_lines(), 1);
+}
+
 TEST_F(AccessTest, ALogThatWasMovedAwayIsMadeAnew) {
   EXPECT_FALSE(As(reader_).StartSession(Request("office")).ok());
   std::filesystem::rename(options_.audit_log, options_.audit_log + ".1");
@@ -327,6 +367,9 @@ TEST_F(AccessTest, KeepingMapsNeedsItsRights) {
   EXPECT_TRUE(keeps.Delete("office").ok());
   EXPECT_EQ(keeps.ListDeleted()->size(), 1u);
   EXPECT_TRUE(keeps.Restore("office.1", "copy").ok());
+  const json restored = Audit().back();
+  EXPECT_EQ(restored["action"], "map_restored");
+  EXPECT_EQ(restored["map"], "office");
   EXPECT_TRUE(denied(keeps.Restore("office.1", "secret")));
   EXPECT_TRUE(denied(keeps.Restore("secret.1", "copy")));
   EXPECT_TRUE(keeps.RemoveSession("office", SessionId(1)).ok());

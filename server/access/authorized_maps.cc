@@ -48,20 +48,29 @@ class AuthorizedSession final : public api::MapSession {
  public:
   AuthorizedSession(std::unique_ptr<api::MapSession> session, Access* access, Client client)
       : session_(std::move(session)), access_(*access), client_(std::move(client)) {}
-  // A client that goes without a word leaves a line, too: the session waits for it, or is cut off with the server.
+  // A client that goes without a word leaves a line, too: the session waits for it, or is cut off with the server. So
+  // does a session that could not go on.
   ~AuthorizedSession() override {
-    if (!finished_) access_.Record(client_, {"session_left", map(), SessionDetails(*session_)}, absl::OkStatus());
+    if (finished_) return;
+    access_.Record(client_, {ended_.ok() ? "session_left" : "session_failed", map(), SessionDetails(*session_)},
+                   ended_);
   }
 
   const std::string& token() const override { return session_->token(); }
   const std::string& map() const override { return session_->map(); }
+  const std::string& map_id() const override { return session_->map_id(); }
   const Camera& camera() const override { return session_->camera(); }
   const std::optional<api::SessionAnswer>& last_answer() const override { return session_->last_answer(); }
   const api::SessionProgress& progress() const override { return session_->progress(); }
 
   absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame) override {
-    CAIRN_RETURN_IF_ERROR(access_.Require(client_, Right::kExtend, map()));
-    return session_->AddFrame(frame);
+    const auto add = [&]() -> absl::StatusOr<api::SessionAnswer> {
+      CAIRN_RETURN_IF_ERROR(access_.Require(client_, Right::kExtend, map()));
+      return session_->AddFrame(frame);
+    };
+    absl::StatusOr<api::SessionAnswer> answer = add();
+    if (!answer.ok() && !absl::IsInvalidArgument(answer.status())) ended_ = answer.status();
+    return answer;
   }
   absl::StatusOr<api::SessionSummary> Finish() override {
     const auto finish = [&]() -> absl::StatusOr<api::SessionSummary> {
@@ -83,6 +92,7 @@ class AuthorizedSession final : public api::MapSession {
   Access& access_;
   const Client client_;
   bool finished_ = false;
+  absl::Status ended_;  // why no frame is taken any more: the map, or the rights of the client
 };
 
 }  // namespace

@@ -66,22 +66,17 @@ class AuthorizedMaps final : public api::MapService {
   absl::Status Require(Right right, const std::string& map);
 
   // A change of one map: asks for the right, makes it, and writes down how it went, in the audit log. `change` returns
-  // a Status or a StatusOr.
-  template <class Function>
-  auto Changing(Right right, const std::string& action, const std::string& map, Function&& change)
+  // a StatusOr; `details` has a JSON object of what it gave, or "".
+  template <class Function, class Details>
+  auto Changing(Right right, const std::string& action, const std::string& map, Function&& change, Details&& details)
       -> decltype(change()) {
     const auto allowed_change = [&]() -> decltype(change()) {
       CAIRN_RETURN_IF_ERROR(Require(right, map));
       return change();
     };
     auto outcome = allowed_change();
-    access_.Record(client_, {action, map, ""}, StatusOf(outcome));
+    access_.Record(client_, {action, map, outcome.ok() ? details(*outcome) : ""}, outcome.status());
     return outcome;
-  }
-  static const absl::Status& StatusOf(const absl::Status& status) { return status; }
-  template <class T>
-  static const absl::Status& StatusOf(const absl::StatusOr<T>& result) {
-    return result.status();
   }
 
   api::MapService& maps_;

@@ -56,6 +56,9 @@ absl::StatusOr<std::optional<ServerTls>> TlsOf(const TlsOptions& options) {
 absl::Status CheckLog(const std::string& path) {
   if (path.empty()) return absl::OkStatus();
   std::error_code error;
+  if (std::filesystem::is_directory(path, error)) {
+    return absl::FailedPreconditionError(absl::StrCat("the log ", path, " is a folder: name a file"));
+  }
   const bool there = std::filesystem::exists(path, error);
   const std::string folder = std::filesystem::absolute(path, error).parent_path().string();
   if (::access(there ? path.c_str() : folder.c_str(), W_OK) == 0) return absl::OkStatus();
@@ -85,8 +88,9 @@ auto OncePortIsFree(const Start& start) {
   return started;
 }
 
-ServerState StateOf(host::MapHost& maps) {
+ServerState StateOf(host::MapHost& maps, const Access& access) {
   ServerState state;
+  state.lost_audit_lines = access.lost_audit_lines();
   for (const host::MapHost::OpenMap& map : maps.OpenMaps()) {
     state.open_maps.push_back({map.name, map.revision, map.bytes, map.writing, map.log_bytes});
   }
@@ -113,12 +117,30 @@ absl::Status DaemonOptions::Validate() const {
   if (!geopose_map.empty()) CAIRN_RETURN_IF_ERROR(Annotate(api::CheckMapName(geopose_map), "geopose_map"));
   if (images.max_pixels < 1) return absl::InvalidArgumentError("images: max_pixels must be positive");
   if (!no_http) CAIRN_RETURN_IF_ERROR(wire::CheckAddress(http.address));
+  if (!no_http && grpc.address == http.address && !absl::EndsWith(grpc.address, ":0")) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("listen, listen_http: both are ", grpc.address, ", and each needs an address of its own"));
+  }
   CAIRN_RETURN_IF_ERROR(tls.Validate());
   CAIRN_RETURN_IF_ERROR(access.Validate());
   CAIRN_RETURN_IF_ERROR(cors.Validate());
   if (without_protection) return absl::OkStatus();
   CAIRN_RETURN_IF_ERROR(CheckProtected(*this, grpc.address));
   return no_http ? absl::OkStatus() : CheckProtected(*this, http.address);
+}
+
+// Whether this machine has such an address; not whether its port is free, as the server that is checked may be running.
+absl::Status CheckListening(const std::string& address) {
+  if (absl::StartsWith(address, "unix:")) {
+    const std::filesystem::path socket(address.substr(5));
+    const std::string folder = std::filesystem::absolute(socket).parent_path().string();
+    if (::access(folder.c_str(), W_OK | X_OK) == 0) return absl::OkStatus();
+    return absl::FailedPreconditionError(
+        absl::StrCat(address, ": no socket can be made in ", folder, ": ", std::strerror(errno)));
+  }
+  HttpServerOptions tried;
+  tried.address = absl::StrCat(address.substr(0, address.rfind(':')), ":0");
+  return HttpServer::Start(tried, [](const HttpRequest&) { return HttpResponse(); }).status();
 }
 
 absl::Status DaemonOptions::CheckFiles() const {
@@ -130,6 +152,11 @@ absl::Status DaemonOptions::CheckFiles() const {
   }
   for (const std::string& log : {access.audit_log, access.request_log}) CAIRN_RETURN_IF_ERROR(CheckLog(log));
   CAIRN_RETURN_IF_ERROR(TlsOf(tls).status());
+  CAIRN_RETURN_IF_ERROR(CheckListening(grpc.address));
+  if (!no_http) CAIRN_RETURN_IF_ERROR(CheckListening(http.address));
+  if (!geopose_map.empty() && !std::filesystem::exists(maps.directory + "/" + geopose_map + ".cairn")) {
+    return absl::NotFoundError(absl::StrCat("geopose_map: there is no map \"", geopose_map, "\" in ", maps.directory));
+  }
   return access.tokens.empty() ? absl::OkStatus() : ReadTokens(access.tokens).status();
 }
 
@@ -157,7 +184,8 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const DaemonOptions& optio
 }
 
 absl::Status Daemon::Listen(const DaemonOptions& options) {
-  metrics_ = std::make_unique<Metrics>([maps = maps_.get()] { return StateOf(*maps); });
+  metrics_ =
+      std::make_unique<Metrics>([maps = maps_.get(), access = access_.get()] { return StateOf(*maps, *access); });
   CallContext context{maps_.get(), options.images, metrics_.get(), access_.get()};
   context.status = metrics_.get();
   CAIRN_ASSIGN_OR_RETURN(const std::optional<ServerTls> tls, TlsOf(options.tls));
@@ -171,6 +199,9 @@ absl::Status Daemon::Listen(const DaemonOptions& options) {
     HttpServerOptions http = options.http;
     http.tls = tls;
     http.gate = [api = http_api_.get()](const HttpRequest& request) { return api->Refusal(request); };
+    http.on_refused = [api = http_api_.get()](const std::string& peer, const absl::Status& refused) {
+      api->NoteRefused(peer, refused);
+    };
     const auto handle = [api = http_api_.get()](const HttpRequest& request) { return api->Handle(request); };
     CAIRN_ASSIGN_OR_RETURN(http_, OncePortIsFree([&] { return HttpServer::Start(http, handle); }));
     http_address_ = Bound(options.http.address, http_->port());

@@ -62,6 +62,34 @@ TEST(Daemon, WaitsForPortsThatAreAboutToBeFree) {
   EXPECT_TRUE(started.ok()) << started.status();
 }
 
+TEST(Daemon, ChecksWhatItsSettingsNameBeforeItIsStarted) {
+  EXPECT_TRUE(Options().CheckFiles().ok());
+  const auto refused = [](const std::function<void(DaemonOptions*)>& change) {
+    DaemonOptions options = Options();
+    change(&options);
+    const absl::Status valid = options.Validate();
+    return std::string((valid.ok() ? options.CheckFiles() : valid).message());
+  };
+  using testing::HasSubstr;
+  EXPECT_THAT(refused([](DaemonOptions* o) { o->access.audit_log = testing::TempDir(); }), HasSubstr("is a folder"));
+  EXPECT_THAT(refused([](DaemonOptions* o) { o->access.request_log = "/not/there/log"; }),
+              HasSubstr("cannot be written"));
+  EXPECT_THAT(refused([](DaemonOptions* o) { o->geopose_map = "none"; }), HasSubstr("there is no map \"none\""));
+  EXPECT_THAT(refused([](DaemonOptions* o) { o->grpc.address = "unix:/not/there/socket"; }), HasSubstr("/not/there"));
+  EXPECT_THAT(refused([](DaemonOptions* o) { o->grpc.address = o->http.address = "127.0.0.1:7999"; }),
+              HasSubstr("an address of its own"));
+  // Of the documentation (RFC 5737): no machine has it.
+  EXPECT_THAT(refused([](DaemonOptions* o) {
+                o->without_protection = true;
+                o->http.address = "192.0.2.1:7879";
+              }),
+              HasSubstr("192.0.2.1"));
+  const auto running = Daemon::Start(Options());
+  ASSERT_TRUE(running.ok()) << running.status();
+  EXPECT_EQ(refused([&](DaemonOptions* o) { o->grpc.address = (*running)->grpc_address(); }), "")
+      << "it may be running";
+}
+
 TEST(Daemon, ErrorsOfOptions) {
   DaemonOptions options = Options();
   options.grpc.address = "7878";

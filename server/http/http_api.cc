@@ -22,6 +22,9 @@ namespace {
 
 using Route = HttpApi::Route;
 
+// In logs and metrics: what is no call of ours, whatever the client named it.
+constexpr absl::string_view kUnknownCall = "unknown";
+
 // What answers a route. `map`: what stands where it has {map}.
 struct Call {
   const CallContext& server;
@@ -42,7 +45,8 @@ bool Matches(absl::string_view route, absl::string_view path, std::string* map) 
   const absl::string_view suffix = route.substr(at + kMap.size());
   if (!absl::ConsumePrefix(&path, route.substr(0, at)) || !absl::ConsumeSuffix(&path, suffix)) return false;
   if (absl::StrContains(path, '/') || absl::StrContains(path, ':')) return false;
-  *map = std::string(path);
+  // What is no encoding is no name either, and refused as such.
+  *map = DecodedPath(path).value_or(std::string(path));
   return true;
 }
 
@@ -328,13 +332,21 @@ HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) c
     }
   }
   const std::string allowed = MethodsOf(request.path);
+  const absl::Status refused = allowed.empty()
+                                   ? absl::NotFoundError("there is nothing here: /openapi.json says what there is")
+                                   : absl::InvalidArgumentError(absl::StrCat("this takes ", allowed));
+  Note(context_, {.peer = caller.peer, .request_id = id}, kUnknownCall, {refused, id}, 0.0, caller.bytes);
+  HttpResponse response = ErrorResponse(refused, id);
   if (!allowed.empty()) {
-    HttpResponse response = ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this takes ", allowed)), id);
     response.status = 405;
     response.headers.emplace_back("Allow", allowed);
-    return response;
   }
-  return ErrorResponse(absl::NotFoundError("there is nothing here: /openapi.json says what there is"), id);
+  return response;
+}
+
+void HttpApi::NoteRefused(const std::string& peer, const absl::Status& refused) const {
+  const std::string id = RequestIdOf({});
+  Note(context_, {.peer = peer, .request_id = id}, kUnknownCall, {refused, id}, 0.0, 0);
 }
 
 }  // namespace cairn::server

@@ -32,6 +32,9 @@ class HttpApi {
   // The answer to a request without a token that is known, before its body is read; none: go on. Any thread.
   std::optional<HttpResponse> Refusal(const HttpRequest& request) const;
 
+  // Writes down what never became a request of its own (HttpServerOptions::on_refused).
+  void NoteRefused(const std::string& peer, const absl::Status& refused) const;
+
   // Every path that is answered, "{map}" in place of a name (of a map, or of a deleted one), and by which method.
   struct Route {
     absl::string_view method;

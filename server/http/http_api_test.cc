@@ -4,12 +4,14 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <set>
 
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "base/files.h"
 #include "client/conformance/conformance_map.h"
 #include "host/map_host.h"
 #include "io/image_codecs.h"
@@ -250,6 +252,37 @@ TEST(Cors, OriginsThatAreNone) {
   for (const char* bad : {"", "maps.example.org", "https://", "https://a/", "ftp://a", "https://a b"}) {
     EXPECT_EQ(CorsOptions{{bad}}.Validate().code(), absl::StatusCode::kInvalidArgument) << bad;
   }
+}
+
+TEST_F(HttpApiTest, NamesInPathsMayBeEncoded) {
+  EXPECT_EQ(Get("/v1/maps/r%6Fom").status, 200);
+  EXPECT_EQ(Get("/v1/maps/r%6fom/sessions").status, 200);
+  for (const char* none :
+       {"/v1/maps/..%2Froom", "/v1/maps/room%", "/v1/maps/room%00", "/v1/maps/room%2", "/v1/maps/ro+om"}) {
+    EXPECT_EQ(Get(none).status, 400) << none;
+  }
+}
+
+// Whoever looks for what there is leaves a trace, too.
+TEST_F(HttpApiTest, WhatIsNotAnsweredIsWrittenDown) {
+  struct Calls : CallObserver {
+    void OnCall(absl::string_view call, absl::string_view reason, double /*seconds*/) override {
+      calls.push_back(std::string(call) + " " + std::string(reason));
+    }
+    std::vector<std::string> calls;
+  } seen;
+  AccessOptions options;
+  options.request_log = directory_ + "/requests.jsonl";
+  access_ = *Access::Open(options);
+  api_ = std::make_unique<HttpApi>(CallContext{host_.get(), {}, &seen, access_.get()}, HttpHooks{});
+  EXPECT_EQ(Get("/wp-login.php").status, 404);
+  EXPECT_EQ(api_->Handle({"PUT", "/v1/maps", "", ""}).status, 405);
+  api_->NoteRefused("192.0.2.1", absl::InvalidArgumentError("this is no HTTP request"));
+  EXPECT_THAT(seen.calls,
+              testing::ElementsAre("unknown not_found", "unknown invalid_argument", "unknown invalid_argument"));
+  const std::string log = *ReadWholeFile(options.request_log);
+  EXPECT_EQ(std::ranges::count(log, '\n'), 3);
+  EXPECT_THAT(log, HasSubstr("192.0.2.1"));
 }
 
 TEST_F(HttpApiTest, WhatIsNotThereOrTakesAnotherMethod) {

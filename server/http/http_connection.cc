@@ -21,11 +21,8 @@ using boost::system::error_code;
 using tcp = asio::ip::tcp;
 using TlsStream = beast::ssl_stream<beast::tcp_stream>;
 
-HttpResponse TooLarge(const char* what, std::int64_t most, int status) {
-  HttpResponse response =
-      ErrorResponse(absl::InvalidArgumentError(absl::StrCat("the ", what, " of more than ", most, " bytes")), "");
-  response.status = status;
-  return response;
+absl::Status TooLarge(const char* what, std::int64_t most) {
+  return absl::InvalidArgumentError(absl::StrCat("the ", what, " of more than ", most, " bytes"));
 }
 
 template <class Stream>
@@ -190,15 +187,21 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
   // What is no HTTP, or too large, is told so; a client that is gone or too slow is not.
   void OnFailure(error_code error) {
     if (error == http::error::header_limit) {
-      return Write(TooLarge("request has headers", shared_->options.max_header_bytes, 431), false);
+      return Refuse(TooLarge("request has headers", shared_->options.max_header_bytes), 431);
     }
     if (error == http::error::body_limit) {
-      return Write(TooLarge("request has a body", shared_->options.max_body_bytes, 413), false);
+      return Refuse(TooLarge("request has a body", shared_->options.max_body_bytes), 413);
     }
     const bool malformed = error.category() == make_error_code(http::error::bad_method).category();
     if (!malformed || error == http::error::end_of_stream || error == http::error::partial_message) return Close();
-    Write(ErrorResponse(absl::InvalidArgumentError(absl::StrCat("this is no HTTP request: ", error.message())), ""),
-          false);
+    Refuse(absl::InvalidArgumentError(absl::StrCat("this is no HTTP request: ", error.message())), 400);
+  }
+
+  void Refuse(const absl::Status& why, int http_status) {
+    if (shared_->options.on_refused) shared_->options.on_refused(peer_, why);
+    HttpResponse response = ErrorResponse(why, "");
+    response.status = http_status;
+    Write(std::move(response), false);
   }
 
   template <class Head>

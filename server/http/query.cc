@@ -20,16 +20,17 @@ int HexDigit(char c) {
   return lower >= 'a' && lower <= 'f' ? lower - 'a' + 10 : -1;
 }
 
-absl::StatusOr<std::string> Decoded(absl::string_view text) {
+// In queries, but not in paths, a plus stands for a space.
+absl::StatusOr<std::string> Decoded(absl::string_view text, bool in_query) {
   std::string decoded;
   for (std::size_t i = 0; i < text.size(); ++i) {
     if (text[i] != '%') {
-      decoded.push_back(text[i] == '+' ? ' ' : text[i]);
+      decoded.push_back(in_query && text[i] == '+' ? ' ' : text[i]);
       continue;
     }
     const int high = i + 2 < text.size() ? HexDigit(text[i + 1]) : -1;
     const int low = high >= 0 ? HexDigit(text[i + 2]) : -1;
-    if (low < 0) return absl::InvalidArgumentError("query: a % must be followed by two hexadecimal digits");
+    if (low < 0) return absl::InvalidArgumentError("a % must be followed by two hexadecimal digits");
     decoded.push_back(static_cast<char>(16 * high + low));
     i += 2;
   }
@@ -84,12 +85,14 @@ absl::StatusOr<QueryParameters> ParseQuery(absl::string_view query) {
   QueryParameters parameters;
   for (const absl::string_view part : absl::StrSplit(query, '&', absl::SkipEmpty())) {
     const std::pair<absl::string_view, absl::string_view> split = absl::StrSplit(part, absl::MaxSplits('=', 1));
-    CAIRN_ASSIGN_OR_RETURN(std::string name, Decoded(split.first));
-    CAIRN_ASSIGN_OR_RETURN(std::string value, Decoded(split.second));
-    parameters.emplace_back(std::move(name), std::move(value));
+    const absl::StatusOr<std::string> name = Decoded(split.first, true), value = Decoded(split.second, true);
+    for (const auto* decoded : {&name, &value}) CAIRN_RETURN_IF_ERROR(Annotate(decoded->status(), "query"));
+    parameters.emplace_back(*name, *value);
   }
   return parameters;
 }
+
+absl::StatusOr<std::string> DecodedPath(absl::string_view part) { return Decoded(part, /*in_query=*/false); }
 
 absl::Status SetFields(const QueryParameters& parameters, absl::string_view taken, google::protobuf::Message* message) {
   const google::protobuf::Descriptor& type = *message->GetDescriptor();

@@ -100,8 +100,10 @@ struct Metrics::Families {
   prometheus::Registry registry;
   prometheus::Family<prometheus::Counter>& calls =
       prometheus::BuildCounter().Name("cairn_calls_total").Help("Calls, by how they came out").Register(registry);
-  prometheus::Family<prometheus::Histogram>& call_seconds =
-      prometheus::BuildHistogram().Name("cairn_call_seconds").Help("Time that calls took").Register(registry);
+  prometheus::Family<prometheus::Histogram>& call_seconds = prometheus::BuildHistogram()
+                                                                .Name("cairn_call_seconds")
+                                                                .Help("Time that calls took which were answered")
+                                                                .Register(registry);
   prometheus::Family<prometheus::Counter>& localized = prometheus::BuildCounter()
                                                            .Name("cairn_localize_total")
                                                            .Help("Images asked for: located, or missed at which stage")
@@ -165,6 +167,11 @@ struct Metrics::Families {
                                       .Help("Room on the disk of the maps")
                                       .Register(registry)
                                       .Add({});
+  prometheus::Counter& lost_audit_lines = prometheus::BuildCounter()
+                                              .Name("cairn_audit_lines_lost_total")
+                                              .Help("Lines of the audit log that could not be written")
+                                              .Register(registry)
+                                              .Add({});
   prometheus::Gauge& resident = prometheus::BuildGauge()
                                     .Name("process_resident_memory_bytes")
                                     .Help("Memory of the process")
@@ -188,7 +195,8 @@ Metrics::~Metrics() = default;
 void Metrics::OnCall(absl::string_view call, absl::string_view reason, double seconds) {
   const std::string name(call);
   families_->calls.Add({{"call", name}, {"reason", std::string(reason)}}).Increment();
-  families_->call_seconds.Add({{"call", name}}, kSeconds).Observe(seconds);
+  // What is refused takes no time, and would make what is answered look faster than it is.
+  if (reason == "ok") families_->call_seconds.Add({{"call", name}}, kSeconds).Observe(seconds);
 }
 
 void Metrics::OnLocalized(const api::LocalizeAnswer& answer) {
@@ -253,6 +261,8 @@ std::string Metrics::Text() {
   families_->waiting.Set(static_cast<double>(state.waiting));
   families_->followers.Set(static_cast<double>(state.followers));
   families_->free_bytes.Set(static_cast<double>(state.free_bytes));
+  const double lost = static_cast<double>(state.lost_audit_lines) - families_->lost_audit_lines.Value();
+  if (lost > 0.0) families_->lost_audit_lines.Increment(lost);
   families_->resident.Set(ResidentBytes());
   std::vector<prometheus::MetricFamily> collected = families_->registry.Collect();
   std::vector<prometheus::MetricFamily> of_maps = maps.Collect();

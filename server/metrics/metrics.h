@@ -24,6 +24,7 @@ struct ServerState {
   std::vector<Map> open_maps;   // by name
   std::int64_t free_bytes = 0;  // on the disk of the maps
   std::vector<api::ActiveSession> active_sessions;
+  std::int64_t lost_audit_lines = 0;
   std::int64_t waiting = 0;  // images that wait to be located
   int followers = 0;         // clients that keep a copy of a map
   int sessions = 0;

@@ -53,6 +53,7 @@ class SessionCall {
       CAIRN_ASSIGN_OR_RETURN(session_, context_.maps->StartSession(request));
     }
     started->set_token(session_->token());
+    started->set_map_id(session_->map_id());
     if (session_->last_answer()) {
       started->set_has_received(true);
       started->set_received_ns(session_->last_answer()->time_ns);

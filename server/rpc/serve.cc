@@ -53,6 +53,7 @@ absl::StatusOr<std::unique_ptr<AdmittedCall>> AdmittedCall::Begin(const CallCont
     if (!counted.empty()) {
       CAIRN_ASSIGN_OR_RETURN(pass, server.access->limits().Enter(counted, caller.bytes, ClientLimits::Clock::now()));
     }
+    if (absl::IsUnauthenticated(client.status())) server.access->RecordUnknown(caller, request_id, client.status());
     CAIRN_RETURN_IF_ERROR(client.status());
   }
   client->request_id = request_id;

@@ -3,6 +3,10 @@
 #include <algorithm>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
 
 namespace cairn::api {
 
@@ -11,11 +15,15 @@ absl::Status CheckMapName(const std::string& name) {
   const auto allowed = [](unsigned char c) { return absl::ascii_isalnum(c) || c == '.' || c == '_' || c == '-'; };
   if (!name.empty() && name.size() <= kMaxLength && absl::ascii_isalnum(static_cast<unsigned char>(name[0])) &&
       std::all_of(name.begin(), name.end(), allowed)) {
-    return absl::OkStatus();
+    if (!absl::EndsWith(name, ".cairn")) return absl::OkStatus();
+    return absl::InvalidArgumentError(absl::StrCat("\"", name, "\" is the name of a file: its map is called \"",
+                                                   absl::StripSuffix(name, ".cairn"), "\""));
   }
-  return absl::InvalidArgumentError(
-      "this is no name of a map: it takes letters, digits, '.', '_' and '-', 1 to 128 of them, a letter or a digit "
-      "first");
+  constexpr std::size_t kMaxShown = 40;
+  return absl::InvalidArgumentError(absl::StrCat(
+      "\"", absl::CHexEscape(name.substr(0, kMaxShown)), name.size() > kMaxShown ? "..." : "",
+      "\" is no name of a map: that takes letters, digits, '.', '_' and '-', 1 to 128 of them, a letter or "
+      "a digit first"));
 }
 
 }  // namespace cairn::api

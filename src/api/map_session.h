@@ -24,6 +24,7 @@ struct SessionRequest {
   std::string source;       // name of the sequence or the robot, for the history
   std::string title;        // of a new map; empty: `source`
   TimeNs first_ns = 0;      // time of the first frame, as far as it is known
+  std::string map_id;       // kExtend: only if the map is this one (MapSession::map_id()); empty: whichever it is
   // Who asks, as a server found out, whose sessions are counted together; not sent by clients, empty: not counted.
   std::string client;
 };
@@ -89,6 +90,8 @@ class MapSession {
   virtual const std::string& token() const = 0;
   // Into which it maps.
   virtual const std::string& map() const = 0;
+  // MapInfo::id of that map: a name may be given to another one.
+  virtual const std::string& map_id() const = 0;
   // Of its frames.
   virtual const Camera& camera() const = 0;
   // To the last frame that was received, of a session that was resumed; none if there was none.

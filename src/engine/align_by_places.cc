@@ -97,8 +97,9 @@ class KnownAligner {
 
   absl::Status CheckOverwrite() const {
     if (!Now() || request_.overwrite) return absl::OkStatus();
-    return absl::AlreadyExistsError(absl::StrCat("component ", result_.component.value(), " of ", name_,
-                                                 " is aligned already: give --overwrite to change that"));
+    return absl::AlreadyExistsError(
+        absl::StrCat("component ", result_.component.value(), " of ", name_,
+                     " is aligned already: ask to overwrite that (--overwrite) to change it"));
   }
 
   absl::Status ByPositions() {
@@ -146,7 +147,7 @@ class KnownAligner {
     if (!Now() && lengths.empty()) {
       return absl::FailedPreconditionError(
           absl::StrCat("component ", result_.component.value(), " of ", name_,
-                       " is not aligned, and gravity says nothing of its scale: give --distance as well"));
+                       " is not aligned, and gravity says nothing of its scale: give a distance as well (--distance)"));
     }
     Sim3 world = Now().value_or(Sim3());
     if (!lengths.empty()) CAIRN_RETURN_IF_ERROR(SetScale(lengths, &world));

@@ -109,7 +109,7 @@ absl::Status CheckAllowed(const std::string& map, const AlignmentTarget& target,
   if (target.world_from_component && anchored && !request.overwrite) {
     return absl::AlreadyExistsError(
         absl::StrCat("component ", target.component.value(), " of ", map,
-                     " is aligned, and the map has a geographic anchor already: give --overwrite to replace that"));
+                     " is aligned, and the map has a geographic anchor already: ask to overwrite that (--overwrite)"));
   }
   if (!target.world_from_component && !anchored && AnythingIsAligned(targets)) {
     return absl::FailedPreconditionError(absl::StrCat(

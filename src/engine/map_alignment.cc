@@ -89,7 +89,7 @@ absl::Status SetAnchor(const std::string& map, const std::optional<map::GeoAncho
   const map::Snapshot& base = edit->base();
   if (anchor && base.info().geo_anchor && !request.overwrite) {
     return absl::AlreadyExistsError(
-        absl::StrCat(map, " has a geographic anchor already: give --overwrite to replace it"));
+        absl::StrCat(map, " has a geographic anchor already: ask to overwrite it (--overwrite)"));
   }
   const bool aligned = std::ranges::any_of(
       base.LiveComponents(), [&](ComponentId component) { return base.WorldFrom(component).has_value(); });

@@ -77,9 +77,10 @@ absl::StatusOr<PoseAlignment> Solve(const std::string& map, const std::vector<Al
                                     const api::AlignRequest& request) {
   const AlignmentTarget& target = targets[chosen];
   if (target.world_from_component && !request.overwrite) {
-    return absl::AlreadyExistsError(absl::StrCat("component ", target.component.value(), " of ", map,
-                                                 " is aligned already: give --overwrite to align it anew",
-                                                 targets.size() > 1 ? ", or --component for another one" : ""));
+    return absl::AlreadyExistsError(
+        absl::StrCat("component ", target.component.value(), " of ", map,
+                     " is aligned already: ask to overwrite that (--overwrite) to align it anew",
+                     targets.size() > 1 ? ", or --component for another one" : ""));
   }
   const std::string have = absl::StrCat(target.keyframes.size(), " keyframes of component ", target.component.value(),
                                         " have a pose within ", request.max_dt_s, " s in ", request.source);

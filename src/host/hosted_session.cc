@@ -6,6 +6,7 @@
 #include "base/guarded.h"
 #include "client/query_image.h"
 #include "host/told.h"
+#include "store/fault.h"
 
 namespace cairn::host {
 namespace {
@@ -43,6 +44,13 @@ absl::StatusOr<std::unique_ptr<HostedSession>> HostedSession::Start(const api::S
   session->changes_ = session->map_->Subscribe();
   session->directory_ = directory;
   session->map_name_ = request.map;
+  session->map_id_ = session->map_->Published()->map().info().id;
+  const bool certain = request.policy == map::SessionPolicy::kExtend && !request.map_id.empty();
+  if (certain && request.map_id != session->map_id_) {
+    return store::MakeFault(store::Fault::kMoved,
+                            absl::StrCat("\"", request.map, "\" is another map by now (", session->map_id_,
+                                         "), not the one that the session was in (", request.map_id, ")"));
+  }
   session->camera_ = request.camera;
   CAIRN_ASSIGN_OR_RETURN(session->session_,
                          engine::Session::Create(engine::SessionOptions(), SourceOf(request), session->map_.get()));

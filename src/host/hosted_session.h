@@ -17,7 +17,8 @@ namespace cairn::host {
 // By one thread at a time.
 class HostedSession {
  public:
-  // Errors as of engine::Session::Create. `directory`: of the maps, which errors do not name.
+  // Errors as of engine::Session::Create, and the fault kMoved if the request wants another map than this. `directory`:
+  // of the maps, which errors do not name.
   static absl::StatusOr<std::unique_ptr<HostedSession>> Start(const api::SessionRequest& request,
                                                               std::shared_ptr<engine::LiveMap> map,
                                                               const std::string& directory);
@@ -26,6 +27,7 @@ class HostedSession {
   absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame);
   absl::StatusOr<api::SessionSummary> Finish();
   const std::string& map() const { return map_name_; }
+  const std::string& map_id() const { return map_id_; }
   const Camera& camera() const { return camera_; }
   const api::SessionProgress& progress() const { return progress_; }
   const std::optional<api::SessionAnswer>& last_answer() const { return last_answer_; }
@@ -41,6 +43,7 @@ class HostedSession {
   std::unique_ptr<engine::Session> session_;
   std::string directory_;  // not named in errors
   std::string map_name_;
+  std::string map_id_;
   Camera camera_;
   FrameTimes times_;
   std::int64_t next_index_ = 0;

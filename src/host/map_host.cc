@@ -215,6 +215,8 @@ std::vector<MapHost::OpenMap> MapHost::OpenMaps() {
     Measure(name, slot.get());
     const std::shared_ptr<const tracking::MapView> known = slot->map->Known();
     std::error_code error;
+    // A new map of a session that could store nothing never was one.
+    if (!slot->map->writing() && !std::filesystem::exists(FileOf(name), error)) continue;
     const std::uintmax_t log_bytes = std::filesystem::file_size(FileOf(name) + "-wal", error);
     open.push_back({name, known != nullptr ? known->revision() : 0, slot->bytes, slot->map->writing(),
                     error ? 0 : static_cast<std::int64_t>(log_bytes)});

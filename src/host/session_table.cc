@@ -19,6 +19,7 @@ class SessionTable::Lease final : public api::MapSession {
         token_(std::move(token)),
         entry_(std::move(entry)),
         map_(entry_->session->map()),
+        map_id_(entry_->session->map_id()),
         camera_(entry_->session->camera()),
         progress_(entry_->session->progress()),
         last_answer_(entry_->session->last_answer()) {}
@@ -28,6 +29,7 @@ class SessionTable::Lease final : public api::MapSession {
 
   const std::string& token() const override { return token_; }
   const std::string& map() const override { return map_; }
+  const std::string& map_id() const override { return map_id_; }
   const Camera& camera() const override { return camera_; }
   const std::optional<api::SessionAnswer>& last_answer() const override { return last_answer_; }
   const api::SessionProgress& progress() const override { return progress_; }
@@ -60,6 +62,7 @@ class SessionTable::Lease final : public api::MapSession {
   const std::string token_;
   std::shared_ptr<Entry> entry_;  // null: it has ended
   const std::string map_;
+  const std::string map_id_;
   const Camera camera_;
   api::SessionProgress progress_;
   const std::optional<api::SessionAnswer> last_answer_;

@@ -15,6 +15,7 @@ void ToProto(const api::SessionRequest& request, v1::StartSession* out) {
   out->set_source(request.source);
   out->set_title(request.title);
   out->set_first_ns(request.first_ns);
+  out->set_map_id(request.map_id);
 }
 
 absl::StatusOr<api::SessionRequest> FromProto(const v1::StartSession& message) {
@@ -35,6 +36,7 @@ absl::StatusOr<api::SessionRequest> FromProto(const v1::StartSession& message) {
   request.source = message.source();
   request.title = message.title();
   request.first_ns = message.first_ns();
+  request.map_id = message.map_id();
   return request;
 }
 

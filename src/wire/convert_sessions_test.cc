@@ -17,6 +17,7 @@ TEST(ConvertSessions, RequestsArriveAndNeedAPolicy) {
   request.source = "robot 7";
   request.title = "The office";
   request.first_ns = 77;
+  request.map_id = "0123456789abcdef0123456789abcdef";
   v1::StartSession message;
   ToProto(request, &message);
   const auto back = FromProto(OverTheWire(message));
@@ -28,6 +29,7 @@ TEST(ConvertSessions, RequestsArriveAndNeedAPolicy) {
   EXPECT_EQ(back->source, "robot 7");
   EXPECT_EQ(back->title, "The office");
   EXPECT_EQ(back->first_ns, 77);
+  EXPECT_EQ(back->map_id, request.map_id);
   message.clear_policy();
   EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument);
 }

@@ -122,13 +122,69 @@ class ServedSessions(unittest.TestCase):
         self.assertGreater(told['frames_before_restart'], 0, 'which have no final pose, and that is said')
         # The camera's frames waited for the server: what came before the kill may be replaced on a busy machine.
         self.assertLess(told['longest_gap_s'], 0.75)
-        self.assertIn('waits for its server', err)
+        self.assertIn('waiting for the server', err)
         # The client went on by itself, in a further session of the same map.
         info = must('info', self.maps / 'office.cairn')
         self.assertEqual([s['complete'] for s in info['sessions']], [False, True])
         found = times(live)
         last = times(self.first / 'groundtruth_cam0.txt')[-1]
         self.assertGreater(found[-1], last - 0.5, 'poses until the end')
+
+    def test_nobody_elses_map_is_extended_after_a_restart(self):
+        theirs = self.folder / 'theirs'
+        theirs.mkdir()
+        must('run', self.second, '--map', theirs / 'office.cairn', '--until', 3)
+        digest = must('info', theirs / 'office.cairn', '--digest')['digest']
+        client = self.begin(self.first, '--map', 'office', '--realtime', 0.5)
+        deadline = time.monotonic() + 30
+        while not must('--server', self.server.address, 'top')['sessions']:
+            self.assertLess(time.monotonic(), deadline)
+            time.sleep(0.1)
+        self.server.stop(signal.SIGKILL)
+        # While it was away somebody else's map got the name.
+        self.server = Server(theirs, address=self.server.address)
+        out, err = client.communicate(timeout=60)
+        self.assertEqual(client.returncode, 1, out + err)
+        self.assertIn('another map by now', out + err)
+        self.assertEqual(self.server.stop(), 0)
+        self.assertEqual(must('info', theirs / 'office.cairn', '--digest')['digest'], digest)
+
+    def localize_until_killed(self, *arguments):
+        """A client that locates images, and a server that is gone while it does."""
+        self.run_served(self.first, '--map', 'office')
+        client = subprocess.Popen([BINARY, '--server', self.server.address, *map(str, arguments), '--map', 'office', '--json'],
+                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 30
+        while not any(work['per_s'] for name, work in must('--server', self.server.address, 'top')['work'].items()
+                      if name != 'sessions'):
+            self.assertLess(time.monotonic(), deadline)
+            time.sleep(0.05)
+        self.server.stop(signal.SIGKILL)
+        return client
+
+    def test_who_locates_images_waits_for_a_server_that_is_started_again(self):
+        for verb in (['localize', self.second, '--independent'], ['track', self.second, '--server-side']):
+            with self.subTest(verb=verb[0]):
+                client = self.localize_until_killed(*verb)
+                time.sleep(2)
+                self.server = Server(self.maps, address=self.server.address)
+                out, err = client.communicate(timeout=120)
+                self.assertEqual(client.returncode, 0, out + err)
+                self.assertEqual(json.loads(out)['frames'], len(times(self.second / 'groundtruth_cam0.txt')), err)
+                self.assertIn('waiting for the server', err)
+                self.server.stop()
+                (self.maps / 'office.cairn').unlink()
+                self.server = Server(self.maps, address=self.server.address)
+
+    def test_ctrl_c_ends_the_wait_for_a_server(self):
+        client = self.localize_until_killed('localize', self.second, '--independent')
+        time.sleep(1.5)
+        begun = time.monotonic()
+        client.send_signal(signal.SIGINT)
+        out, err = client.communicate(timeout=20)
+        self.assertLess(time.monotonic() - begun, 5)
+        self.assertEqual(client.returncode, 130, out + err)
+        self.assertGreater(json.loads(out)['frames'], 0, 'what was done until then')
 
     def test_images_go_as_they_are_whatever_their_size(self):
         for width, height in ((320, 240), (1280, 800)):

@@ -36,10 +36,12 @@ std::string FaultOf(const absl::Status& status) {
 
 int Fail(const std::string& verb, const absl::Status& status, bool json) {
   const int code = ExitCodeOf(status);
+  absl::string_view message = status.message();
+  absl::ConsumePrefix(&message, absl::StrCat(verb, ": "));  // where it came from may have said so already
   if (json) {
-    PrintJson({{"error", std::string(status.message())}, {"fault", FaultOf(status)}, {"exit_code", code}});
+    PrintJson({{"error", std::string(message)}, {"fault", FaultOf(status)}, {"exit_code", code}});
   } else {
-    std::cerr << "cairn " << verb << ": " << ShownLines(status.message()) << "\n";
+    std::cerr << "cairn " << verb << ": " << ShownLines(message) << "\n";
   }
   return code;
 }

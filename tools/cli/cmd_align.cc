@@ -177,6 +177,11 @@ void AddAlignCommand(CLI::App& app, Action* action) {
       const int asked = static_cast<int>(!options->groundtruth.empty()) + static_cast<int>(!options->geo.geo.empty()) +
                         static_cast<int>(!options->geo.positions.empty());
       const bool known = !options->known.empty();
+      for (const char* of_poses : {"--sensor", "--positions-only", "--sigma-position", "--sigma-rotation"}) {
+        if (verb->count(of_poses) == 0 || !options->groundtruth.empty()) continue;
+        return FailUsage("align", absl::StrCat(of_poses, " says something of --groundtruth, which is not given"),
+                         options->json);
+      }
       if (asked + static_cast<int>(known) != 1) {
         return FailUsage("align", "give one of --groundtruth, --geo, --geo-positions, --points and --distance",
                          options->json);

@@ -290,6 +290,7 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, LocalizeTar
     status = Guarded([&] { return LocalizeAll(options, *source, localizer, stop, &skipped, &summary); });
   }
   const bool interrupted = interrupt->exit_code() != 0;
+  if (interrupted && absl::IsUnavailable(status)) status = absl::OkStatus();  // it waited for a server
   if (status.ok() && summary.frames == 0 && !interrupted) {
     return absl::DataLossError(
         absl::StrCat("none of the ", skipped.count(), " images of ", options.input.sequence, " could be used"));
@@ -304,6 +305,7 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, LocalizeTar
 
 absl::StatusOr<int> Localize(LocalizeOptions options) {
   InterruptWatch interrupt;
+  options.server.interrupt = &interrupt;
   if (options.map.empty() && !options.all_maps) return FailUsage("localize", "--map is required", options.json);
   if (!options.map.empty() && options.all_maps) {
     return FailUsage("localize", "--map names maps, --all-maps are all of them: give one of the two", options.json);

@@ -316,8 +316,10 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input, "track"));
+  ServerChoice server = options.server;
+  server.interrupt = &interrupt;
   CAIRN_ASSIGN_OR_RETURN(TrackTarget target,
-                         OpenTrackTarget(options.server, options.map, source->info().camera,
+                         OpenTrackTarget(server, options.map, source->info().camera,
                                          TrackerOptions(options, source->info()), options.server_side));
   CAIRN_ASSIGN_OR_RETURN(const CommonFrame common, target.frame());
   SkippedFrames skipped("track", options.json);
@@ -331,6 +333,7 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
     status = Guarded([&] { return TrackAll(options, *source, target, stop, &skipped, &summary); });
   }
   const bool interrupted = interrupt.exit_code() != 0;
+  if (interrupted && absl::IsUnavailable(status)) status = absl::OkStatus();  // it waited for a server
   if (status.ok() && summary.frames == 0 && !interrupted) {
     return absl::DataLossError(
         absl::StrCat("none of the ", skipped.count(), " images of ", options.input.sequence, " could be used"));

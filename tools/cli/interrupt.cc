@@ -102,6 +102,11 @@ InterruptWatch::Guard::~Guard() {
   watch_->stop_ = nullptr;
 }
 
+bool InterruptWatch::signalled() const {
+  std::lock_guard lock(mutex_);
+  return signal_ != 0;
+}
+
 int InterruptWatch::exit_code() const {
   std::lock_guard lock(mutex_);
   return stopped_by_ == 0 ? 0 : 128 + stopped_by_;

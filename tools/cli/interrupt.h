@@ -32,6 +32,8 @@ class InterruptWatch {
     InterruptWatch* watch_;
   };
 
+  // Whether there was one, whoever was to be stopped.
+  bool signalled() const;
   // 128 + the signal that called a `stop`, as shells count; 0 if none did.
   int exit_code() const;
 

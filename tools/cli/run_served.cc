@@ -188,7 +188,9 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenRunInput(options));
   CAIRN_ASSIGN_OR_RETURN(const engine::FramePreparation preparation,
                          engine::FramePreparation::Untouched(source->info().camera));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
+  ServerChoice choice = options.server;
+  choice.interrupt = interrupt;
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(choice));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<api::MapSession> session,
                          service->StartSession(RequestOf(options, source->info())));
   LivePoseFile live(options.live_poses);

@@ -1,5 +1,7 @@
 #include "cli/server_option.h"
 
+#include <sys/stat.h>
+
 #include <algorithm>
 #include <array>
 #include <filesystem>
@@ -30,6 +32,10 @@ std::string TextOf(const CLI::App& app, const char* name) {
 absl::StatusOr<std::string> TokenOf(const ServerChoice& server) {
   if (server.token_file.empty()) return std::string();
   CAIRN_ASSIGN_OR_RETURN(const std::string token, ReadWholeFile(server.token_file, kMaxTokenBytes));
+  struct stat file = {};
+  if (stat(server.token_file.c_str(), &file) == 0 && (file.st_mode & (S_IRGRP | S_IROTH)) != 0) {
+    std::cerr << "warning: others on this machine can read the token in " << server.token_file << ": chmod 600 it\n";
+  }
   return std::string(absl::StripAsciiWhitespace(token));
 }
 
@@ -82,9 +88,9 @@ absl::StatusOr<client::RemoteOptions> RemoteOptionsOf(const ServerChoice& server
   CAIRN_ASSIGN_OR_RETURN(client::RemoteOptions options, client::RemoteOptionsFor(server.address, std::move(access)));
   options.send_features = server.send_features;
   options.on_outage = [outage_s = options.outage_s](const absl::Status& status) {
-    std::cerr << "the session waits for its server, up to " << outage_s << " s: " << std::string(status.message())
-              << "\n";
+    std::cerr << "waiting for the server, up to " << outage_s << " s: " << std::string(status.message()) << "\n";
   };
+  if (server.interrupt != nullptr) options.give_up = [watch = server.interrupt] { return watch->signalled(); };
   return options;
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "base/status.h"
+#include "cli/interrupt.h"
 #include "client/remote/remote_map_service.h"
 
 namespace cairn::cli {
@@ -16,7 +17,8 @@ struct ServerChoice {
   std::string token_file;  // empty: the environment's CAIRN_TOKEN, if it is set
   client::ClientTlsFiles tls;
   bool token_in_clear = false;
-  bool send_features = false;  // of images to be located, in place of their pixels
+  bool send_features = false;                 // of images to be located, in place of their pixels
+  const InterruptWatch* interrupt = nullptr;  // a signal ends the wait for a server that is away
 
   bool empty() const { return address.empty(); }
 };

@@ -149,42 +149,50 @@ class Served:
         return self.once(f'beside {trackers}', one)
 
     def daemon_kills(self):
-        """Sessions at a daemon that is killed at a random moment and started again."""
+        """Sessions at a daemon that is killed again and again at random moments, and started again at once."""
         def one():
-            moments, results = random.Random(5), {'ready_s': 0.0, 'lost': 0, 'failed': 0, 'break_s': 0.0, 'damaged': 0}
-            visits = [self.visit('office', 31, k, '--duration', 10, *SMALL) for k in range(4, 4 + SESSIONS)]
-            for k in range(self.daemon_kills_wanted):
-                maps = self.served_folder('daemon_killed')
-                server = Server(maps)
-                lives = [self.path(f'daemon_killed_{i}.txt') for i in range(SESSIONS)]
-                for live in lives:
-                    live.unlink(missing_ok=True)
-                clients = [begin(server, 'run', visit, '--map', f'office_{i}', '--realtime', 0.25, '--live-poses', live)
-                           for i, (visit, live) in enumerate(zip(visits, lives))]
-                time.sleep(moments.uniform(8.0, 25.0))
-                told = {m['name']: m['revision'] for m in cairn('--server', server.address, 'ls')['maps']}
-                server.stop(signal.SIGKILL)
-                begun = time.monotonic()
-                server = Server(maps, address=server.address)
-                ready = time.monotonic() - begun
-                now = {m['name']: m.get('revision', 0) for m in cairn('--server', server.address, 'ls')['maps']}
-                lost = sum(now.get(name, 0) < revision for name, revision in told.items())
-                failed, breaks = 0, []
-                for client, live in zip(clients, lives):
-                    try:
-                        answer_of(client)
-                    except Failed as error:
-                        print(f'        {error}', flush=True)
-                        failed += 1
-                        continue
-                    at = [float(line.split()[0]) for line in live.read_text().splitlines() if not line.startswith('#')]
-                    breaks.append(max((b - a for a, b in zip(at, at[1:])), default=float('inf')))
-                server.stop()
-                damaged = sum(len(cairn('verify', file, expect=(0, 3)).get('findings', [])) > 0 for file in maps.glob('*.cairn'))
-                print(f'        kill {k + 1}: ready after {ready:.2f} s, {lost} maps behind what was told, {failed} clients failed, '
-                      f'breaks {sorted(round(b, 2) for b in breaks)} s', flush=True)
-                results = {'ready_s': max(results['ready_s'], ready), 'lost': results['lost'] + lost,
-                           'failed': results['failed'] + failed, 'damaged': results['damaged'] + damaged,
-                           'break_s': max([results['break_s'], *breaks])}
+            moments, results = random.Random(5), {'kills': 0, 'ready_s': 0.0, 'lost': 0, 'failed': 0, 'break_s': 0.0, 'damaged': 0}
+            visits = [self.visit('office', 31, k, '--duration', 20, *SMALL) for k in range(4, 4 + SESSIONS)]
+            while results['kills'] < self.daemon_kills_wanted:
+                self.kill_under_sessions(visits, moments, results)
             return results
         return self.once('daemon kills', one)
+
+    def kill_under_sessions(self, visits, moments, results):
+        """For as long as these visits are mapped, each into a map of its own."""
+        maps = self.served_folder('daemon_killed')
+        server = Server(maps)
+        lives = [self.path(f'daemon_killed_{i}.txt') for i in range(len(visits))]
+        for live in lives:
+            live.unlink(missing_ok=True)
+        clients = [begin(server, 'run', visit, '--map', f'office_{i}', '--realtime', 0.25, '--live-poses', live)
+                   for i, (visit, live) in enumerate(zip(visits, lives))]
+        while results['kills'] < self.daemon_kills_wanted:
+            time.sleep(moments.uniform(6.0, 11.0))
+            if any(client.poll() is not None for client in clients):
+                break
+            told = {m['name']: m['revision'] for m in cairn('--server', server.address, 'ls')['maps']}
+            server.stop(signal.SIGKILL)
+            begun = time.monotonic()
+            server = Server(maps, address=server.address)
+            ready = time.monotonic() - begun
+            now = {m['name']: m.get('revision', 0) for m in cairn('--server', server.address, 'ls')['maps']}
+            lost = sum(now.get(name, 0) < revision for name, revision in told.items())
+            results['kills'] += 1
+            results['lost'] += lost
+            results['ready_s'] = max(results['ready_s'], ready)
+            print(f'        kill {results["kills"]}: ready after {ready:.2f} s, {lost} maps behind what was told', flush=True)
+        breaks = []
+        for client, live in zip(clients, lives):
+            try:
+                answer_of(client)
+            except Failed as error:
+                print(f'        {error}', flush=True)
+                results['failed'] += 1
+                continue
+            at = [float(line.split()[0]) for line in live.read_text().splitlines() if not line.startswith('#')]
+            breaks.append(max((b - a for a, b in zip(at, at[1:])), default=float('inf')))
+        server.stop()
+        results['break_s'] = max([results['break_s'], *breaks])
+        results['damaged'] += sum(len(cairn('verify', file, expect=(0, 3)).get('findings', [])) > 0 for file in maps.glob('*.cairn'))
+        print(f'        breaks {sorted(round(b, 2) for b in breaks)} s', flush=True)
