@@ -79,7 +79,7 @@ absl::StatusOr<int> Top(const TopOptions& options) {
     const api::ServerStatus* since = before ? &*before : nullptr;
     if (options.json) {
       PrintJson(StatusAsJson(options.server.address, now, since, seconds));
-    } else if (!Show(StatusLines(options.server.address, now, since, seconds), terminal)) {
+    } else if (!Show(StatusLines(options.server.address, now, since, seconds, terminal), terminal)) {
       if (errno != EPIPE)
         return absl::DataLossError(absl::StrCat("writing to standard output: ", std::strerror(errno)));
       std::clearerr(stdout);

@@ -79,8 +79,9 @@ absl::Status WriteTrajectory(const RunOptions& options, const std::vector<io::St
   if (options.trajectory.empty()) return absl::OkStatus();
   io::TrajectoryWriteOptions write;
   write.overwrite = options.overwrite;
-  write.comment = absl::StrCat("t tx ty tz qx qy qz qw: ", in_world ? "world" : "map", "_from_camera, map ",
-                               options.map, " of a server, component ", component.value(), note);
+  write.comment =
+      absl::StrCat("t tx ty tz qx qy qz qw: ", in_world ? "world" : "map", "_from_camera, map ", options.map,
+                   " of a server", component.valid() ? absl::StrCat(", component ", component.value()) : "", note);
   return io::WriteTumTrajectory(options.trajectory, poses, write);
 }
 

@@ -87,22 +87,23 @@ std::string OutcomesText(const Counts& outcomes) {
   return absl::StrJoin(texts, ", ");
 }
 
-void AddMaps(const api::ServerStatus& now, std::vector<std::string>* lines) {
+void AddMaps(const api::ServerStatus& now, bool cut, std::vector<std::string>* lines) {
   lines->push_back(absl::StrFormat("%-30s %10s %10s", "map in memory", "revision", "MB"));
   for (const api::ServerStatus::Map& map : now.maps) {
-    lines->push_back(absl::StrFormat("%-30s %10d %10.1f%s", Cut(map.name, 30), map.revision,
+    lines->push_back(absl::StrFormat("%-30s %10d %10.1f%s", cut ? Cut(map.name, 30) : map.name, map.revision,
                                      static_cast<double>(map.memory_bytes) / 1e6,
                                      map.writing ? "  being extended" : ""));
   }
 }
 
-void AddSessions(const api::ServerStatus& now, std::vector<std::string>* lines) {
+void AddSessions(const api::ServerStatus& now, bool cut, std::vector<std::string>* lines) {
   lines->push_back(absl::StrFormat("%-22s %-18s %8s %6s  %s", "session in map", "of", "frames", "rev.", "state"));
   for (const api::ActiveSession& session : now.sessions) {
     const std::string state = session.waiting ? absl::StrCat("its client is gone, ", Duration(session.silent_s))
                                               : std::string(api::SessionStateName(session.state));
-    lines->push_back(absl::StrFormat("%-22s %-18s %8d %6d  %s", Cut(session.map, 22), Cut(session.source, 18),
-                                     session.frames, session.progress.revision, state));
+    lines->push_back(absl::StrFormat("%-22s %-18s %8d %6d  %s", cut ? Cut(session.map, 22) : session.map,
+                                     cut ? Cut(session.source, 18) : session.source, session.frames,
+                                     session.progress.revision, state));
   }
 }
 
@@ -121,7 +122,7 @@ nlohmann::ordered_json SessionAsJson(const api::ActiveSession& session) {
 }  // namespace
 
 std::vector<std::string> StatusLines(const std::string& server, const api::ServerStatus& now,
-                                     const api::ServerStatus* before, double seconds) {
+                                     const api::ServerStatus* before, double seconds, bool terminal) {
   std::vector<std::string> lines;
   lines.push_back(absl::StrFormat("%s: cairnd %s, up %s, %.0f MB, %d waiting, %d following", server, now.version,
                                   Duration(now.uptime_s), static_cast<double>(now.resident_bytes) / 1e6,
@@ -139,13 +140,15 @@ std::vector<std::string> StatusLines(const std::string& server, const api::Serve
   if (!errors.empty()) lines.push_back("refused   " + absl::StrJoin(errors, ", "));
   if (!now.maps.empty()) {
     lines.push_back("");
-    AddMaps(now, &lines);
+    AddMaps(now, terminal, &lines);
   }
   if (!now.sessions.empty()) {
     lines.push_back("");
-    AddSessions(now, &lines);
+    AddSessions(now, terminal, &lines);
   }
-  for (std::string& line : lines) line = Cut(line, kColumns);
+  for (std::string& line : lines) {
+    if (terminal) line = Cut(line, kColumns);
+  }
   return lines;
 }
 

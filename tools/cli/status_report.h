@@ -9,10 +9,10 @@
 
 namespace cairn::cli {
 
-// Lines of at most 80 columns. `before`: an earlier look at the same server, `seconds` ago; with null and its uptime:
-// everything since its start.
+// For a terminal lines of at most 80 columns, else nothing is cut. `before`: an earlier look at the same server,
+// `seconds` ago; with null and its uptime: everything since its start.
 std::vector<std::string> StatusLines(const std::string& server, const api::ServerStatus& now,
-                                     const api::ServerStatus* before, double seconds);
+                                     const api::ServerStatus* before, double seconds, bool terminal);
 
 nlohmann::ordered_json StatusAsJson(const std::string& server, const api::ServerStatus& now,
                                     const api::ServerStatus* before, double seconds);

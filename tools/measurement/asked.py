@@ -1,12 +1,12 @@
 """Locating JPEG photos in a map of about a thousand keyframes through a cairnd: over gRPC and REST, and by their features."""
 import http.client
 import json
+import multiprocessing
 import os
 import shutil
 import statistics
 import subprocess
 import sys
-import threading
 import time
 import urllib.parse
 import uuid
@@ -38,6 +38,21 @@ def pinhole_of(path):
     return [fx, fy, cx + 0.5, cy + 0.5]
 
 
+def ask_over_rest(work):
+    """One client's share of the photos: milliseconds of each answer, and how many were located."""
+    host, port, requests, first, clients = work
+    connection, times, located = http.client.HTTPConnection(host, port, timeout=60), [], 0
+    for i in range(first, ASKED, clients):
+        body, kind = requests[i % len(requests)]
+        begun = time.perf_counter()
+        connection.request('POST', '/v1/maps/large:localize', body, {'Content-Type': kind})
+        answer = connection.getresponse()
+        text = answer.read()
+        times.append(1e3 * (time.perf_counter() - begun))
+        located += answer.status == 200 and json.loads(text)['localized']
+    return times, located
+
+
 class Asked:
     def photos(self):
         """Images of redkitchen after the map's, as JPEG files with their camera: a folder that verbs read."""
@@ -55,32 +70,19 @@ class Asked:
         return self.once('photos', one)
 
     def over_rest(self, server, folder, clients):
-        """Milliseconds of each answer, and answers per second."""
+        """Milliseconds of each answer, and answers per second; each client is a process, as clients are."""
         camera = json.dumps({'model': 'PINHOLE', 'params': pinhole_of(folder / 'camera.yaml')})
         requests = [form(path.read_bytes(), camera) for path in sorted(folder.glob('*.jpg'))]
-        address, times, located, lock = urllib.parse.urlparse(server.url), [], [0], threading.Lock()
-
-        def ask(k):
-            connection = http.client.HTTPConnection(address.hostname, address.port, timeout=60)
-            for i in range(k, ASKED, clients):
-                body, kind = requests[i % len(requests)]
-                begun = time.perf_counter()
-                connection.request('POST', '/v1/maps/large:localize', body, {'Content-Type': kind})
-                answer = connection.getresponse()
-                text = answer.read()
-                with lock:
-                    times.append(1e3 * (time.perf_counter() - begun))
-                    located[0] += answer.status == 200 and json.loads(text)['localized']
-        begun = time.perf_counter()
-        threads = [threading.Thread(target=ask, args=(k,)) for k in range(clients)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        address = urllib.parse.urlparse(server.url)
+        with multiprocessing.get_context('fork').Pool(clients) as pool:
+            begun = time.perf_counter()
+            answers = pool.map(ask_over_rest, [(address.hostname, address.port, requests, k, clients) for k in range(clients)], chunksize=1)
+            elapsed = time.perf_counter() - begun
+        times = [ms for of_client, _ in answers for ms in of_client]
         if not times:
             raise Failed('nothing was answered')
-        return {'median_ms': statistics.median(times), 'p99_ms': percentile(times, 0.99), 'located': located[0] / len(times),
-                'per_s': len(times) / (time.perf_counter() - begun)}
+        return {'median_ms': statistics.median(times), 'p99_ms': percentile(times, 0.99),
+                'located': sum(located for _, located in answers) / len(times), 'per_s': len(times) / elapsed}
 
     def asked(self):
         def one():
