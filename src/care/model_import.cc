@@ -1,11 +1,14 @@
 #include "care/model_import.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/median.h"
 #include "engine/posed_session.h"
 #include "image/undistort.h"
 #include "map/camera_identity.h"
@@ -15,6 +18,29 @@ namespace cairn::care {
 namespace {
 
 constexpr TimeNs kBetweenImages_ns = 1'000'000'000;
+
+// With n observations of standard deviation s each, and what else they share left aside, an image is turned by s / (f
+// sqrt(n)) at most, and moved by that share of the depth: the square roots of the diagonal of the information that they
+// give (Triggs et al., "Bundle adjustment - a modern synthesis", 2000, sec. 9).
+mapping::PosedMapperOptions HeldAsTheModelSays(const exchange::Reconstruction& model,
+                                               mapping::PosedMapperOptions options) {
+  const exchange::ModelErrors errors = exchange::MeasureErrors(model);
+  if (options.position_sigma_share == 0.0 || errors.observations == 0) return options;
+  std::vector<double> focals_px, counts;
+  for (const exchange::ModelImage& image : model.images) {
+    const auto camera = model.cameras.find(image.camera);
+    if (camera != model.cameras.end()) focals_px.push_back(camera->second.fx_px);
+    counts.push_back(
+        static_cast<double>(std::ranges::count_if(image.points, [](std::uint32_t point) { return point != 0; })));
+  }
+  const double per_image = Median(counts);
+  if (focals_px.empty() || per_image < 1.0) return options;
+  constexpr double kExactest = 1e-5;  // of a model without noise: there is some in every image
+  const double sigma_rad = std::max(errors.rms_px / (Median(focals_px) * std::sqrt(per_image)), kExactest);
+  options.position_sigma_share = std::min(options.position_sigma_share, sigma_rad);
+  options.rotation_sigma_deg = std::min(options.rotation_sigma_deg, sigma_rad * 180.0 / std::numbers::pi);
+  return options;
+}
 
 // The same calibration under several ids is one.
 struct Calibration {
@@ -45,7 +71,8 @@ class Import {
     source.camera = main->camera;
     if (calibrations_.size() > 1) CAIRN_RETURN_IF_ERROR(BringTogether(*main, &source.camera));
     import_.cameras = static_cast<int>(calibrations_.size());
-    CAIRN_ASSIGN_OR_RETURN(session_, engine::PosedSession::Create(options_.mapper, false, source, live));
+    CAIRN_ASSIGN_OR_RETURN(
+        session_, engine::PosedSession::Create(HeldAsTheModelSays(model_, options_.mapper), false, source, live));
     return absl::OkStatus();
   }
 

@@ -17,14 +17,9 @@
 namespace cairn::care {
 
 struct ModelImportOptions {
-  // Poses of a model that was adjusted with features finer than ORB are held three times as firmly as poses that
-  // somebody has measured: ORB features that are matched anew do not know better.
-  mapping::PosedMapperOptions mapper = [] {
-    mapping::PosedMapperOptions options;
-    options.position_sigma_share = 0.0003;
-    options.rotation_sigma_deg = 0.015;
-    return options;
-  }();
+  // Poses are held as firmly as the model's own observations determine them, if it has any and these are not 0: ORB
+  // features that are matched anew say no more than those that it was adjusted with.
+  mapping::PosedMapperOptions mapper;
   // The model's lengths are metres: its frame becomes the world. Otherwise the map is not aligned, and its one
   // component lies in the model's frame, with the model's unit.
   bool metric = false;
