@@ -54,10 +54,10 @@ struct RemoteMapService::Stubs {
   template <class Function>
   absl::Status ReadWithin(double deadline_s, const Function& call) const {
     Outage outage(options, channel.get());
-    absl::Status status = CallWithin(deadline_s, call);
-    while (answered && IsOutage(status) && outage.Wait(status)) status = CallWithin(deadline_s, call);
-    if (!IsOutage(status)) answered = true;
-    return status;
+    absl::Status done = CallWithin(deadline_s, call);
+    while (answered && IsOutage(done) && outage.Wait(done)) done = CallWithin(deadline_s, call);
+    if (!IsOutage(done)) answered = true;
+    return done;
   }
   template <class Function>
   absl::Status CallWithin(double deadline_s, Function&& call) const {

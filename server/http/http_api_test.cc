@@ -269,6 +269,10 @@ TEST_F(HttpApiTest, WhatIsNotAnsweredIsWrittenDown) {
     void OnCall(absl::string_view call, absl::string_view reason, double /*seconds*/) override {
       calls.push_back(std::string(call) + " " + std::string(reason));
     }
+    void OnLocalized(const api::LocalizeAnswer& /*answer*/) override {}
+    void OnTracked(const api::TrackAnswer* /*answer*/) override {}
+    void OnSessionFrame(absl::string_view /*state*/, double /*seconds*/) override {}
+    void OnFramesDropped(std::int64_t /*count*/) override {}
     std::vector<std::string> calls;
   } seen;
   AccessOptions options;

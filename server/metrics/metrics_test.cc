@@ -34,8 +34,8 @@ TEST(Metrics, CountsCallsOutcomesAndOpenMaps) {
   std::string text = metrics.Text();
   EXPECT_THAT(text, HasSubstr("cairn_calls_total{call=\"Maps.ListMaps\",reason=\"ok\"} 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_calls_total{call=\"Maps.ListMaps\",reason=\"map_not_found\"} 1\n"));
-  EXPECT_THAT(text, HasSubstr("cairn_call_seconds_bucket{call=\"Maps.ListMaps\",le=\"0.002\"} 2\n"));
-  EXPECT_THAT(text, HasSubstr("cairn_call_seconds_count{call=\"Maps.ListMaps\"} 3\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_call_seconds_bucket{call=\"Maps.ListMaps\",le=\"0.002\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("cairn_call_seconds_count{call=\"Maps.ListMaps\"} 2\n"));
   EXPECT_THAT(text, HasSubstr("cairn_localize_total{outcome=\"PnP inliers\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("cairn_localize_total{outcome=\"located\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("cairn_open_maps 2\n"));
@@ -70,7 +70,8 @@ TEST(Metrics, TheSameAsAStatus) {
   metrics.OnCall("Maps.ListMaps", "ok", 0.5);
   metrics.OnCall("Localize.LocalizeImage", "ok", 0.015);
   metrics.OnCall("GeoPose", "ok", 0.016);
-  metrics.OnCall("Localize.LocalizeImage", "invalid_argument", 100.0);
+  metrics.OnCall("Localize.LocalizeImage", "ok", 100.0);
+  metrics.OnCall("Localize.LocalizeImage", "invalid_argument", 0.0001);
   api::LocalizeAnswer answer;
   metrics.OnLocalized(answer);
   answer.localized = true;
@@ -91,13 +92,13 @@ TEST(Metrics, TheSameAsAStatus) {
   EXPECT_EQ(status.calls[0].call, "GeoPose");
   EXPECT_EQ(status.calls[1].call, "Localize.LocalizeImage");
   EXPECT_EQ(status.calls[1].reason, "invalid_argument");
-  EXPECT_EQ(status.calls[2].count, 1);
+  EXPECT_EQ(status.calls[2].count, 2);
   ASSERT_EQ(status.localized.size(), 2u);
   EXPECT_EQ(status.localized[0].what, "features");
   EXPECT_EQ(status.localized[0].count, 1);
   EXPECT_EQ(status.localized[1].what, "located");
   EXPECT_EQ(status.localized[1].count, 2);
-  EXPECT_EQ(status.localize.total(), 3) << "whichever way they came in";
+  EXPECT_EQ(status.localize.total(), 3) << "whichever way they came in, but those that were refused";
   EXPECT_EQ(status.localize.counts.back(), 1) << "longer than the last bound";
   EXPECT_GT(status.localize.Quantile(0.5), 0.01);
   EXPECT_LE(status.localize.Quantile(0.5), 0.02);
