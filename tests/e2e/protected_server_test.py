@@ -5,6 +5,7 @@ import shutil
 import ssl
 import subprocess
 import tempfile
+import time
 import unittest
 import urllib.error
 import urllib.request
@@ -139,7 +140,11 @@ class ProtectedServer(unittest.TestCase):
         self.assertEqual(refused.code, 1, refused.out)
         made = self.ask('robot', 'run', self.visit, '--map', 'lab_1')
         self.assertEqual(made.code, 0, made.out)
+        time.sleep(1)  # who is not known leaves one line a second
+        self.assertEqual(self.get('/v1/maps', 'cairn_unknown')[0], 401)
         lines = [json.loads(line) for line in self.audit.read_text().splitlines()]
+        self.assertIn(('unknown_client', 'unauthenticated', '127.0.0.1'), [(a['action'], a['outcome'], a['peer']) for a in lines])
+        lines = [line for line in lines if line['action'] != 'unknown_client']
         self.assertIn(('session_started', 'office', 'reader', 'permission_denied'), [(a['action'], a['map'], a['token'], a['outcome']) for a in lines])
         of_lab = [(a['action'], a['token'], a['outcome']) for a in lines if a['map'] == 'lab_1']
         self.assertEqual(of_lab, [('session_started_new_map', 'robot', 'ok'), ('session_finished', 'robot', 'ok')])
