@@ -306,7 +306,15 @@ TEST_P(MapSessionConformance, GoesOnWhereItWasLetGo) {
   const auto summary = (*resumed)->Finish();
   ASSERT_TRUE(summary.ok()) << summary.status();
   EXPECT_EQ(summary->frames, 180);
-  EXPECT_EQ(service_->ResumeSession(token).status().code(), absl::StatusCode::kNotFound) << "it has ended";
+  const auto again = service_->ResumeSession(token);
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_EQ((*again)->AddFrame(FrameOf(180)).status().code(), absl::StatusCode::kFailedPrecondition) << "it has ended";
+  const auto echo = service_->ResumeSession(token);
+  ASSERT_TRUE(echo.ok()) << echo.status();
+  const auto told = (*echo)->Finish();
+  ASSERT_TRUE(told.ok()) << told.status();
+  EXPECT_EQ(told->revision, summary->revision) << "said once more, as the connection may have broken";
+  EXPECT_EQ(told->poses.size(), summary->poses.size());
 }
 
 TEST_P(MapSessionConformance, FramesThatCannotBeUsedAreSkipped) {
@@ -340,6 +348,9 @@ TEST_P(MapSessionConformance, PoliciesAndCamerasThatDoNotFitAreRefused) {
   api::SessionRequest other = Request("room", map::SessionPolicy::kExtend);
   other.map_id = "0123456789abcdef0123456789abcdef";
   EXPECT_EQ(refused(other), absl::StatusCode::kAborted) << "another map than the one that is meant";
+  other.map_id.clear();
+  other.least_revision = 1000;
+  EXPECT_EQ(refused(other), absl::StatusCode::kAborted) << "an older copy of it";
   EXPECT_EQ(service_->List()->size(), 2u) << "nothing was left behind";
 }
 

@@ -99,7 +99,10 @@ absl::Status RemoteSession::Reconnect() {
 
 absl::Status RemoteSession::BeginAnew() {
   api::SessionRequest request = request_;  // with the id of the map: nobody else's that has its name now is extended
-  if (ever_durable_) request.policy = map::SessionPolicy::kExtend;
+  if (ever_durable_) {
+    request.policy = map::SessionPolicy::kExtend;
+    request.least_revision = progress_.revision;
+  }
   if (!kept_.empty()) request.first_ns = kept_.front().frame().time_ns();
   v1::StartSession start;
   wire::ToProto(request, &start);

@@ -13,6 +13,7 @@ namespace cairn::server {
 class JsonLog {
  public:
   // Appends to the file, or makes it, readable by owner and group. `sync`: a line is on the disk when Append() returns.
+  // FailedPrecondition if it cannot be written, or has something else in it than lines of JSON.
   static absl::StatusOr<std::unique_ptr<JsonLog>> Open(const std::string& path, bool sync);
   ~JsonLog();
   JsonLog(const JsonLog&) = delete;
@@ -29,7 +30,11 @@ class JsonLog {
   const bool sync_;
   std::mutex mutex_;  // guards what follows
   int fd_ = -1;
+  bool torn_ = false;  // the last line is there in part, as the disk was full
 };
+
+// FailedPrecondition if there is a file with something else in it than lines of JSON, which must not be appended to.
+absl::Status CheckIsLog(const std::string& path);
 
 // Now, UTC, as "2026-11-26T12:00:00.123Z".
 std::string LogTime();

@@ -1,6 +1,8 @@
 #include "server/daemon/daemon.h"
 
 #include <spdlog/spdlog.h>
+#include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -39,6 +41,26 @@ absl::Status CheckProtected(const DaemonOptions& options, const std::string& add
       "--without-protection if everyone who gets there may read, or do, everything"));
 }
 
+// A log is no file that something else is read from or written to.
+absl::Status CheckOwnFiles(const DaemonOptions& options) {
+  const std::vector<std::pair<const char*, std::string>> files = {{"audit_log", options.access.audit_log},
+                                                                  {"request_log", options.access.request_log},
+                                                                  {"tokens", options.access.tokens},
+                                                                  {"tls_certificate", options.tls.certificate},
+                                                                  {"tls_key", options.tls.key},
+                                                                  {"tls_client_ca", options.tls.client_ca}};
+  for (std::size_t i = 0; i < 2; ++i) {
+    for (std::size_t j = i + 1; j < files.size() && !files[i].second.empty(); ++j) {
+      std::error_code error;
+      const auto whole = [&](const std::string& path) { return std::filesystem::weakly_canonical(path, error); };
+      if (files[j].second.empty() || whole(files[i].second) != whole(files[j].second)) continue;
+      return absl::InvalidArgumentError(absl::StrCat(files[i].first, ", ", files[j].first, ": both are ",
+                                                     files[i].second, ", and a log needs a file of its own"));
+    }
+  }
+  return absl::OkStatus();
+}
+
 std::int64_t NowUnixS() { return absl::ToUnixSeconds(absl::Now()); }
 
 absl::StatusOr<std::optional<ServerTls>> TlsOf(const TlsOptions& options) {
@@ -59,6 +81,7 @@ absl::Status CheckLog(const std::string& path) {
   if (std::filesystem::is_directory(path, error)) {
     return absl::FailedPreconditionError(absl::StrCat("the log ", path, " is a folder: name a file"));
   }
+  CAIRN_RETURN_IF_ERROR(CheckIsLog(path));
   const bool there = std::filesystem::exists(path, error);
   const std::string folder = std::filesystem::absolute(path, error).parent_path().string();
   if (::access(there ? path.c_str() : folder.c_str(), W_OK) == 0) return absl::OkStatus();
@@ -73,6 +96,25 @@ void RecordAbandoned(const host::SessionTable::Abandoned& session, Access* acces
       absl::StrFormat(R"({"session":%d,"frames":%d,"revision":%d,"client":"%s"})", progress.session.value(),
                       session.session.frames, progress.revision, absl::CEscape(session.client));
   access->Record(client, {"session_abandoned", session.session.map, details}, session.finished);
+}
+
+// gRPC takes a Unix socket over, also from a server that is at it.
+absl::Status CheckSocketIsFree(const std::string& address) {
+  if (!absl::StartsWith(address, "unix:")) return absl::OkStatus();
+  sockaddr_un name{};
+  name.sun_family = AF_UNIX;
+  const std::string path = address.substr(5);
+  if (path.size() >= sizeof(name.sun_path)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(address, ": the path of a socket has less than ", sizeof(name.sun_path), " characters"));
+  }
+  std::memcpy(name.sun_path, path.data(), path.size());
+  const int socket = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  if (socket < 0) return absl::UnavailableError(absl::StrCat(address, ": ", std::strerror(errno)));
+  const bool answered = connect(socket, reinterpret_cast<const sockaddr*>(&name), sizeof(name)) == 0;
+  close(socket);
+  if (!answered) return absl::OkStatus();
+  return absl::UnavailableError(absl::StrCat("listening on ", address, ": another server is at it"));
 }
 
 // A server that was just killed holds its ports until the system has taken it apart.
@@ -124,6 +166,7 @@ absl::Status DaemonOptions::Validate() const {
   CAIRN_RETURN_IF_ERROR(tls.Validate());
   CAIRN_RETURN_IF_ERROR(access.Validate());
   CAIRN_RETURN_IF_ERROR(cors.Validate());
+  CAIRN_RETURN_IF_ERROR(CheckOwnFiles(*this));
   if (without_protection) return absl::OkStatus();
   CAIRN_RETURN_IF_ERROR(CheckProtected(*this, grpc.address));
   return no_http ? absl::OkStatus() : CheckProtected(*this, http.address);
@@ -206,6 +249,7 @@ absl::Status Daemon::Listen(const DaemonOptions& options) {
     CAIRN_ASSIGN_OR_RETURN(http_, OncePortIsFree([&] { return HttpServer::Start(http, handle); }));
     http_address_ = Bound(options.http.address, http_->port());
   }
+  CAIRN_RETURN_IF_ERROR(CheckSocketIsFree(options.grpc.address));
   GrpcServerOptions grpc = options.grpc;
   grpc.tls = tls;
   CAIRN_ASSIGN_OR_RETURN(grpc_, OncePortIsFree([&] { return GrpcServer::Start(grpc, context); }));

@@ -2,7 +2,10 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <fstream>
+#include <functional>
 #include <future>
 
 namespace cairn::server {
@@ -50,6 +53,18 @@ TEST(Daemon, SaysWhereItListensAndThatAnAddressIsTaken) {
   EXPECT_TRUE(Daemon::Start(taken).ok()) << "free again";
 }
 
+TEST(Daemon, LeavesASocketToWhoIsAtIt) {
+  DaemonOptions options = Options();
+  options.grpc.address = absl::StrCat("unix:", testing::TempDir(), "/daemon_test_", getpid(), ".socket");
+  options.no_http = true;
+  {
+    const auto first = Daemon::Start(options);
+    ASSERT_TRUE(first.ok()) << first.status();
+    EXPECT_EQ(Daemon::Start(options).status().code(), absl::StatusCode::kUnavailable);
+  }
+  EXPECT_TRUE(Daemon::Start(options).ok()) << "free again";
+}
+
 TEST(Daemon, WaitsForPortsThatAreAboutToBeFree) {
   auto first = Daemon::Start(Options());
   ASSERT_TRUE(first.ok()) << first.status();
@@ -74,6 +89,11 @@ TEST(Daemon, ChecksWhatItsSettingsNameBeforeItIsStarted) {
   EXPECT_THAT(refused([](DaemonOptions* o) { o->access.audit_log = testing::TempDir(); }), HasSubstr("is a folder"));
   EXPECT_THAT(refused([](DaemonOptions* o) { o->access.request_log = "/not/there/log"; }),
               HasSubstr("cannot be written"));
+  EXPECT_THAT(refused([](DaemonOptions* o) { o->access.tokens = o->access.audit_log = "t.json"; }),
+              HasSubstr("a file of its own"));
+  const std::string other = testing::TempDir() + "/no_log";
+  std::ofstream(other) << "SQLite format 3";
+  EXPECT_THAT(refused([&](DaemonOptions* o) { o->access.audit_log = other; }), HasSubstr("something else in it"));
   EXPECT_THAT(refused([](DaemonOptions* o) { o->geopose_map = "none"; }), HasSubstr("there is no map \"none\""));
   EXPECT_THAT(refused([](DaemonOptions* o) { o->grpc.address = "unix:/not/there/socket"; }), HasSubstr("/not/there"));
   EXPECT_THAT(refused([](DaemonOptions* o) { o->grpc.address = o->http.address = "127.0.0.1:7999"; }),

@@ -98,16 +98,20 @@ HttpResponse Answered(const Call& call, absl::string_view name,
   return Json(served, response);
 }
 
+// The map that the path names; a body may name it again.
+template <class Request>
+absl::Status SetMap(const Call& call, Request* request) {
+  if (!request->map().empty() && request->map() != call.map) {
+    return absl::InvalidArgumentError("request: the body names another map than the path");
+  }
+  request->set_map(call.map);
+  return absl::OkStatus();
+}
+
 template <class Request, class Response>
 HttpResponse AnsweredOfMap(const Call& call, absl::string_view name,
                            absl::Status (*rpc)(const CallContext&, const Request&, Response*)) {
-  return Answered(call, name, rpc, [&](Request* request) -> absl::Status {
-    if (!request->map().empty() && request->map() != call.map) {
-      return absl::InvalidArgumentError("request: the body names another map than the path");
-    }
-    request->set_map(call.map);
-    return absl::OkStatus();
-  });
+  return Answered(call, name, rpc, [&](Request* request) { return SetMap(call, request); });
 }
 
 template <class Request, class Response>
@@ -120,7 +124,7 @@ HttpResponse LocalizeOver(const Call& call) {
   v1::LocalizeImageResponse response;
   const auto localize = [&](const CallContext& context) -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(v1::LocalizeImageRequest request, ReadLocalizeRequest(call.http));
-    request.set_map(call.map);
+    CAIRN_RETURN_IF_ERROR(SetMap(call, &request));
     return LocalizeImage(context, request, &response);
   };
   return Json(Serve(call.server, call.caller, "Localize.LocalizeImage", localize), response);

@@ -254,6 +254,21 @@ TEST(Cors, OriginsThatAreNone) {
   }
 }
 
+TEST_F(HttpApiTest, RequestsThatContradictThemselvesAreRefused) {
+  HttpRequest other{"POST", "/v1/maps/room:localize", "application/json", R"({"map": "hall"})"};
+  EXPECT_THAT(api_->Handle(other).body, HasSubstr("another map than the path"));
+  HttpRequest query{"POST", "/v1/maps/room:localize", "application/json", "{}"};
+  for (const char* bad : {"map=room", "zzz=1", "time_ns=x", "image=k9"}) {
+    query.query = bad;
+    const HttpResponse response = api_->Handle(query);
+    EXPECT_EQ(response.status, 400) << bad;
+    EXPECT_THAT(response.body, HasSubstr("query: ")) << bad;
+  }
+  HttpRequest none = Form({{"image", Photo()}, {"camera", CameraText()}, {"maps", ","}});
+  none.path = "/v1/localize";
+  EXPECT_THAT(api_->Handle(none).body, HasSubstr("maps: name them"));
+}
+
 TEST_F(HttpApiTest, NamesInPathsMayBeEncoded) {
   EXPECT_EQ(Get("/v1/maps/r%6Fom").status, 200);
   EXPECT_EQ(Get("/v1/maps/r%6fom/sessions").status, 200);

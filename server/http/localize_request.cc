@@ -10,17 +10,21 @@
 #include "absl/strings/str_split.h"
 #include "server/http/camera_json.h"
 #include "server/http/multipart.h"
+#include "server/http/query.h"
 #include "wire/convert.h"
 #include "wire/image_header.h"
 
 namespace cairn::server {
 namespace {
 
+// The message in the body, with what the query adds to it.
 template <class Request>
-absl::StatusOr<Request> FromJson(const std::string& body) {
+absl::StatusOr<Request> FromJson(const HttpRequest& http) {
   Request request;
-  const auto status = google::protobuf::util::JsonStringToMessage(body, &request);
+  const auto status = google::protobuf::util::JsonStringToMessage(http.body, &request);
   if (!status.ok()) return absl::InvalidArgumentError(absl::StrCat("request: ", status.ToString()));
+  CAIRN_ASSIGN_OR_RETURN(const QueryParameters parameters, ParseQuery(http.query));
+  CAIRN_RETURN_IF_ERROR(SetFields(parameters, "map", &request));
   return request;
 }
 
@@ -42,6 +46,9 @@ absl::StatusOr<Request> FromForm(const std::vector<FormPart>& parts, std::string
       request.set_time_ns(time_ns);
     } else if (part.name == "maps" && maps != nullptr) {
       *maps = std::string(part.content);
+      if (maps->find_first_not_of(", ") == std::string::npos) {
+        return absl::InvalidArgumentError("maps: name them, with commas between, or leave the part out for all");
+      }
     } else {
       return absl::InvalidArgumentError(
           absl::StrCat("form: it has a part that is none of image, camera, time_ns", maps != nullptr ? ", maps" : ""));
@@ -71,7 +78,7 @@ absl::Status CheckNoQuery(const HttpRequest& http) {
 
 absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& http) {
   using Request = v1::LocalizeImageRequest;
-  if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http.body);
+  if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http);
   CAIRN_RETURN_IF_ERROR(CheckNoQuery(http));
   CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
   return FromForm<Request>(parts, nullptr);
@@ -79,7 +86,7 @@ absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& 
 
 absl::StatusOr<v1::LocalizeInMapsRequest> ReadLocalizeInMapsRequest(const HttpRequest& http) {
   using Request = v1::LocalizeInMapsRequest;
-  if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http.body);
+  if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http);
   CAIRN_RETURN_IF_ERROR(CheckNoQuery(http));
   CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
   std::string maps;

@@ -19,12 +19,13 @@ namespace cairn::api {
 struct SessionRequest {
   std::string map;
   map::SessionPolicy policy = map::SessionPolicy::kExtend;
-  Camera camera;            // of the raw frames; one that the map knows is recognized by its calibration
-  std::string camera_name;  // in the map; empty: after its calibration
-  std::string source;       // name of the sequence or the robot, for the history
-  std::string title;        // of a new map; empty: `source`
-  TimeNs first_ns = 0;      // time of the first frame, as far as it is known
-  std::string map_id;       // kExtend: only if the map is this one (MapSession::map_id()); empty: whichever it is
+  Camera camera;                // of the raw frames; one that the map knows is recognized by its calibration
+  std::string camera_name;      // in the map; empty: after its calibration
+  std::string source;           // name of the sequence or the robot, for the history
+  std::string title;            // of a new map; empty: `source`
+  TimeNs first_ns = 0;          // time of the first frame, as far as it is known
+  std::string map_id;           // kExtend: only if the map is this one (MapSession::map_id()); empty: whichever it is
+  Revision least_revision = 0;  // kExtend: only if the map is at this one, or a later
   // Who asks, as a server found out, whose sessions are counted together; not sent by clients, empty: not counted.
   std::string client;
 };

@@ -35,6 +35,23 @@ engine::SessionSource SourceOf(const api::SessionRequest& request) {
   return source;
 }
 
+// Whether it is the map that the client goes on in, and nothing that it was told of is missing.
+absl::Status CheckMeant(const api::SessionRequest& request, const map::Snapshot& map) {
+  if (request.policy != map::SessionPolicy::kExtend) return absl::OkStatus();
+  if (!request.map_id.empty() && request.map_id != map.info().id) {
+    return store::MakeFault(store::Fault::kMoved,
+                            absl::StrCat("\"", request.map, "\" is another map by now (", map.info().id,
+                                         "), not the one that the session was in (", request.map_id, ")"));
+  }
+  if (map.revision() < request.least_revision) {
+    return store::MakeFault(
+        store::Fault::kMoved,
+        absl::StrCat("\"", request.map, "\" is at revision ", map.revision(), ", and the session was told of ",
+                     request.least_revision, ": an older copy has taken its place, which lacks what was mapped since"));
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<HostedSession>> HostedSession::Start(const api::SessionRequest& request,
@@ -45,12 +62,7 @@ absl::StatusOr<std::unique_ptr<HostedSession>> HostedSession::Start(const api::S
   session->directory_ = directory;
   session->map_name_ = request.map;
   session->map_id_ = session->map_->Published()->map().info().id;
-  const bool certain = request.policy == map::SessionPolicy::kExtend && !request.map_id.empty();
-  if (certain && request.map_id != session->map_id_) {
-    return store::MakeFault(store::Fault::kMoved,
-                            absl::StrCat("\"", request.map, "\" is another map by now (", session->map_id_,
-                                         "), not the one that the session was in (", request.map_id, ")"));
-  }
+  CAIRN_RETURN_IF_ERROR(CheckMeant(request, session->map_->Published()->map()));
   session->camera_ = request.camera;
   CAIRN_ASSIGN_OR_RETURN(session->session_,
                          engine::Session::Create(engine::SessionOptions(), SourceOf(request), session->map_.get()));

@@ -356,6 +356,9 @@ absl::StatusOr<std::unique_ptr<api::MapFeed>> MapHost::Follow(const std::string&
     source.newest = [this, map]() -> absl::StatusOr<std::shared_ptr<const tracking::MapView>> {
       absl::StatusOr<std::shared_ptr<const tracking::MapView>> view = ViewOf(map);
       if (!view.ok()) return Told(view.status());
+      if ((*view)->revision() == 0) {
+        return absl::UnavailableError(absl::StrCat("there is nothing in map \"", map, "\" yet to be followed"));
+      }
       return view;
     };
     source.wait = [this, map, news = std::shared_ptr<engine::Subscription>()](Revision /*seen*/,

@@ -47,6 +47,7 @@ class SessionTable::Lease final : public api::MapSession {
     if (entry_ == nullptr) return Ended();
     absl::StatusOr<api::SessionSummary> summary = Guarded([&] { return entry_->session->Finish(); });
     progress_ = entry_->session->progress();
+    table_->Keep(token_, *entry_->session, summary);
     End();
     return summary;
   }
@@ -67,6 +68,39 @@ class SessionTable::Lease final : public api::MapSession {
   api::SessionProgress progress_;
   const std::optional<api::SessionAnswer> last_answer_;
 };
+
+// A session that was finished.
+class SessionTable::Echo final : public api::MapSession {
+ public:
+  Echo(std::string token, std::shared_ptr<const Finished> finished)
+      : token_(std::move(token)), finished_(std::move(finished)) {}
+
+  const std::string& token() const override { return token_; }
+  const std::string& map() const override { return finished_->map; }
+  const std::string& map_id() const override { return finished_->map_id; }
+  const Camera& camera() const override { return finished_->camera; }
+  const std::optional<api::SessionAnswer>& last_answer() const override { return finished_->last_answer; }
+  const api::SessionProgress& progress() const override { return finished_->progress; }
+  absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& /*frame*/) override {
+    return absl::FailedPreconditionError("the session has ended");
+  }
+  absl::StatusOr<api::SessionSummary> Finish() override { return finished_->summary; }
+
+ private:
+  const std::string token_;
+  const std::shared_ptr<const Finished> finished_;
+};
+
+void SessionTable::Keep(const std::string& token, const HostedSession& session,
+                        const absl::StatusOr<api::SessionSummary>& summary) {
+  const auto finished =
+      std::make_shared<const Finished>(Finished{session.map(), session.map_id(), session.camera(), session.progress(),
+                                                session.last_answer(), summary, Clock::now()});
+  const std::lock_guard lock(mutex_);
+  finished_[token] = finished;
+  if (finished_.size() <= static_cast<std::size_t>(max_sessions_)) return;
+  finished_.erase(std::ranges::min_element(finished_, {}, [](const auto& entry) { return entry.second->at; }));
+}
 
 // With the lock.
 absl::Status SessionTable::CheckRoom(const std::string& client) const {
@@ -109,6 +143,9 @@ absl::StatusOr<std::unique_ptr<api::MapSession>> SessionTable::Start(
 absl::StatusOr<std::unique_ptr<api::MapSession>> SessionTable::Resume(const std::string& token) {
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(token);
+  if (const auto finished = finished_.find(token); finished != finished_.end()) {
+    return std::make_unique<Echo>(token, finished->second);
+  }
   if (found == entries_.end()) {
     return absl::NotFoundError("there is no session of this token: it has ended, or the server was restarted");
   }
@@ -140,6 +177,7 @@ std::vector<SessionTable::Abandoned> SessionTable::FinishAbandoned(Clock::time_p
   std::vector<std::shared_ptr<Entry>> abandoned;
   {
     const std::lock_guard lock(mutex_);
+    std::erase_if(finished_, [&](const auto& entry) { return now - entry.second->at >= wait_; });
     std::erase_if(entries_, [&](auto& entry) {
       if (entry.second->held || now - entry.second->released < wait_) return false;
       abandoned.push_back(std::move(entry.second));

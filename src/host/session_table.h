@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,7 +29,8 @@ class SessionTable {
   // table must outlive what it gives out.
   absl::StatusOr<std::unique_ptr<api::MapSession>> Start(
       const api::SessionRequest& request, const std::function<absl::StatusOr<std::unique_ptr<HostedSession>>()>& start);
-  // As api::MapService::ResumeSession().
+  // As api::MapService::ResumeSession(). A session that was finished is there for as long as one that waits, to say its
+  // summary once more: the connection may have broken before its client had it.
   absl::StatusOr<std::unique_ptr<api::MapSession>> Resume(const std::string& token);
 
   // A session that nobody has come back to, and how it was ended.
@@ -58,12 +60,24 @@ class SessionTable {
     Clock::time_point answered{};  // its last frame
     api::ActiveSession told;       // but for its times
   };
+  // What is known of a session that was finished.
+  struct Finished {
+    std::string map, map_id;
+    Camera camera;
+    api::SessionProgress progress;
+    std::optional<api::SessionAnswer> last_answer;
+    absl::StatusOr<api::SessionSummary> summary;
+    Clock::time_point at;
+  };
   class Lease;
+  class Echo;
 
   void Release(const std::string& token);
   void Note(Entry* entry, const api::SessionAnswer* answer, const api::SessionProgress& progress);
   // It has ended: nobody can come back to it.
   void Remove(const std::string& token);
+
+  void Keep(const std::string& token, const HostedSession& session, const absl::StatusOr<api::SessionSummary>& summary);
 
   absl::Status CheckRoom(const std::string& client) const;
 
@@ -73,6 +87,7 @@ class SessionTable {
 
   mutable std::mutex mutex_;  // guards what follows
   std::map<std::string, std::shared_ptr<Entry>> entries_;
+  std::map<std::string, std::shared_ptr<const Finished>> finished_;
 };
 
 }  // namespace cairn::host

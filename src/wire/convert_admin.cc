@@ -3,13 +3,14 @@
 #include <algorithm>
 
 #include "wire/convert.h"
+#include "wire/text.h"
 
 namespace cairn::wire {
 namespace {
 
 void WriteChange(const map::LoggedChange& change, v1::LoggedChange* out) {
   out->set_revision(change.revision);
-  out->set_reason(change.reason);
+  out->set_reason(Utf8(change.reason));
   out->set_session(change.session.value());
   out->set_committed_unix_ns(change.committed_unix_ns);
   for (const ComponentId component : change.components) out->add_components(component.value());
@@ -64,7 +65,7 @@ void ToProto(const api::MapVerification& verified, v1::VerifyMapResponse* out) {
     v1::Finding* told = out->add_findings();
     told->set_table(finding.table);
     told->set_id(finding.id);
-    told->set_message(finding.message);
+    told->set_message(Utf8(finding.message));
   }
   for (const std::string& note : verified.notes) out->add_notes(note);
 }

@@ -5,6 +5,7 @@
 
 #include "wire/convert.h"
 #include "wire/reading.h"
+#include "wire/text.h"
 
 namespace cairn::wire {
 namespace {
@@ -239,7 +240,7 @@ absl::StatusOr<map::GeoAnchor> FromProto(const v1::GeoAnchor& message) {
 
 void ToProto(const api::AlignRequest& request, v1::AlignMapRequest* out) {
   std::visit([&](const auto& by) { WriteBy(by, out); }, request.by);
-  out->set_source(request.source);
+  out->set_source(Utf8(request.source));
   out->set_component(request.component.value());
   out->set_session(request.session.value());
   out->set_max_dt_s(request.max_dt_s);

@@ -4,6 +4,7 @@
 #include "wire/convert.h"
 #include "wire/errors.h"
 #include "wire/reading.h"
+#include "wire/text.h"
 
 namespace cairn::wire {
 namespace {
@@ -144,7 +145,7 @@ void ToProto(const api::AcrossAnswer& across, v1::LocalizeInMapsResponse* out) {
       ToProto(of_map.answer, answer->mutable_answer());
     } else {
       answer->set_error_reason(std::string(KindOf(of_map.status).reason));
-      answer->set_error_message(std::string(of_map.status.message()));
+      answer->set_error_message(Utf8(of_map.status.message()));
     }
   }
 }

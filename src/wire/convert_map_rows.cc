@@ -4,6 +4,7 @@
 #include "wire/convert_alignment.h"
 #include "wire/reading.h"
 #include "wire/session_names.h"
+#include "wire/text.h"
 
 namespace cairn::wire {
 namespace {
@@ -86,8 +87,8 @@ absl::StatusOr<map::RegionQuery> FromProto(const v1::MapRegion& message) {
 
 void ToProto(const map::MapInfo& info, v1::MapHead* out) {
   out->set_id(info.id);
-  out->set_title(info.name);
-  out->set_software_version(info.software_version);
+  out->set_title(Utf8(info.name));
+  out->set_software_version(Utf8(info.software_version));
   out->set_created_unix_ns(info.created_unix_ns);
   out->set_orb_features(info.orb.num_features);
   out->set_orb_levels(info.orb.num_levels);
@@ -118,7 +119,7 @@ absl::StatusOr<map::MapInfo> FromProto(const v1::MapHead& message) {
 
 void ToProto(const map::MapCamera& camera, v1::CameraRow* out) {
   out->set_id(camera.id.value());
-  out->set_name(camera.name);
+  out->set_name(Utf8(camera.name));
   ToProto(camera.model, out->mutable_model());
   ToProto(Camera::FromPinhole(camera.pinhole), out->mutable_pinhole());
   if (!camera.lens) return;
@@ -144,7 +145,7 @@ absl::StatusOr<map::MapCamera> FromProto(const v1::CameraRow& message) {
 
 void ToProto(const map::Session& session, v1::SessionRow* out) {
   Write(session, out->mutable_info());
-  out->set_settings_json(session.settings_json);
+  out->set_settings_json(Utf8(session.settings_json));
   for (const map::ClosedLoop& loop : session.loops) WriteLoop(loop, out->add_loops());
   if (!session.trajectory) return;
   v1::TrajectoryRow* trajectory = out->mutable_trajectory();

@@ -1,14 +1,15 @@
 #include "wire/convert.h"
 #include "wire/convert_alignment.h"
 #include "wire/session_names.h"
+#include "wire/text.h"
 
 namespace cairn::wire {
 
 void ToProto(const api::MapSummary& summary, v1::MapSummary* out) {
   out->set_name(summary.name);
-  out->set_error(std::string(summary.status.message()));
+  out->set_error(Utf8(summary.status.message()));
   out->set_id(summary.id);
-  out->set_title(summary.title);
+  out->set_title(Utf8(summary.title));
   out->set_revision(summary.revision);
   out->set_format_version(summary.format_version);
   out->set_keyframes(summary.keyframes);
@@ -49,7 +50,7 @@ void ToProto(const api::MapDescription& description, v1::DescribeMapResponse* ou
   for (const api::CameraInfo& camera : description.cameras) {
     v1::CameraInfo* info = out->add_cameras();
     info->set_id(camera.id.value());
-    info->set_name(camera.name);
+    info->set_name(Utf8(camera.name));
     ToProto(camera.camera, info->mutable_camera());
     info->set_lens_corrected(camera.lens_corrected);
   }

@@ -4,6 +4,7 @@
 
 #include "wire/convert.h"
 #include "wire/session_names.h"
+#include "wire/text.h"
 
 namespace cairn::wire {
 
@@ -11,11 +12,12 @@ void ToProto(const api::SessionRequest& request, v1::StartSession* out) {
   out->set_map(request.map);
   out->set_policy(Write(request.policy));
   ToProto(request.camera, out->mutable_camera());
-  out->set_camera_name(request.camera_name);
-  out->set_source(request.source);
-  out->set_title(request.title);
+  out->set_camera_name(Utf8(request.camera_name));
+  out->set_source(Utf8(request.source));
+  out->set_title(Utf8(request.title));
   out->set_first_ns(request.first_ns);
   out->set_map_id(request.map_id);
+  out->set_least_revision(request.least_revision);
 }
 
 absl::StatusOr<api::SessionRequest> FromProto(const v1::StartSession& message) {
@@ -37,6 +39,7 @@ absl::StatusOr<api::SessionRequest> FromProto(const v1::StartSession& message) {
   request.title = message.title();
   request.first_ns = message.first_ns();
   request.map_id = message.map_id();
+  request.least_revision = message.least_revision();
   return request;
 }
 

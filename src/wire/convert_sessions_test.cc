@@ -8,6 +8,27 @@
 namespace cairn::wire {
 namespace {
 
+// Of a folder in Latin-1: protobuf would refuse all of the message.
+TEST(ConvertSessions, NamesInAnyEncodingArrive) {
+  api::SessionRequest request;
+  request.policy = map::SessionPolicy::kCreate;
+  request.camera = Camera::FromPinhole({640, 480, 525.0, 525.0, 319.5, 239.5});
+  request.source =
+      "k\xfc"
+      "che";
+  request.title =
+      "k\xc3\xbc"
+      "che";
+  v1::StartSession message;
+  ToProto(request, &message);
+  const auto back = FromProto(OverTheWire(message));
+  ASSERT_TRUE(back.ok()) << back.status();
+  EXPECT_EQ(back->source,
+            "k\xef\xbf\xbd"
+            "che");
+  EXPECT_EQ(back->title, request.title) << "UTF-8 as it is";
+}
+
 TEST(ConvertSessions, RequestsArriveAndNeedAPolicy) {
   api::SessionRequest request;
   request.map = "office";
@@ -17,6 +38,7 @@ TEST(ConvertSessions, RequestsArriveAndNeedAPolicy) {
   request.source = "robot 7";
   request.title = "The office";
   request.first_ns = 77;
+  request.least_revision = 12;
   request.map_id = "0123456789abcdef0123456789abcdef";
   v1::StartSession message;
   ToProto(request, &message);
@@ -30,6 +52,7 @@ TEST(ConvertSessions, RequestsArriveAndNeedAPolicy) {
   EXPECT_EQ(back->title, "The office");
   EXPECT_EQ(back->first_ns, 77);
   EXPECT_EQ(back->map_id, request.map_id);
+  EXPECT_EQ(back->least_revision, 12u);
   message.clear_policy();
   EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInvalidArgument);
 }

@@ -2,6 +2,7 @@
 
 #include "wire/convert_sessions.h"
 #include "wire/session_names.h"
+#include "wire/text.h"
 
 namespace cairn::wire {
 namespace {
@@ -38,7 +39,7 @@ api::DurationHistogram ReadHistogram(const v1::Histogram& message) {
 
 void ToProto(const api::ActiveSession& session, v1::ActiveSession* out) {
   out->set_map(session.map);
-  out->set_source(session.source);
+  out->set_source(Utf8(session.source));
   out->set_waiting(session.waiting);
   out->set_running_s(session.running_s);
   out->set_silent_s(session.silent_s);

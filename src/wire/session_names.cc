@@ -1,5 +1,7 @@
 #include "wire/session_names.h"
 
+#include "wire/text.h"
+
 namespace cairn::wire {
 
 v1::SessionInfo::Policy Write(map::SessionPolicy policy) {
@@ -36,8 +38,8 @@ map::SessionResult ReadResult(v1::SessionInfo::Result result) {
 void Write(const map::Session& session, v1::SessionInfo* out) {
   out->set_id(session.id.value());
   out->set_camera(session.camera.value());
-  out->set_source(session.source);
-  out->set_software_version(session.software_version);
+  out->set_source(Utf8(session.source));
+  out->set_software_version(Utf8(session.software_version));
   out->set_first_ns(session.first_ns);
   out->set_last_ns(session.last_ns);
   out->set_started_unix_ns(session.started_unix_ns);

@@ -89,8 +89,16 @@ struct TrackSummary {
   double cpu_s = 0.0;  // of the process while it tracked, reading the images included
   double wall_s = 0.0;
   TimeNs first_ns = 0, last_ns = 0;
-  std::vector<io::StampedPose> poses;
-  std::string states;  // a line per frame
+  struct Pose {
+    TimeNs time_ns = 0;
+    ComponentId component;
+    SE3 map_from_camera;
+  };
+  std::vector<Pose> answered;             // those with a pose
+  std::vector<io::StampedPose> poses;     // in the frame that they share at the end
+  std::string states;                     // a line per frame
+  std::optional<TimeNs> in_metres_since;  // as which the states' sigmas are then
+  bool in_map_units = false;              // as which some of them are
   std::string map_id;
   std::string note;
   std::int64_t disconnected = 0;  // frames that were answered without the server
@@ -113,12 +121,40 @@ struct TrackSummary {
     map_age_s = std::max(map_age_s, answer.map_age_s);
     if (answer.state == api::TrackState::kLost) {
       ++reasons[Kind(answer.reason)];
-    } else if (std::ranges::find(together, answer.component) == together.end() || answer.world_is_metric != metric) {
-      ++elsewhere;
     } else {
-      poses.push_back({answer.time_ns, answer.world_from_camera});
+      answered.push_back({answer.time_ns, answer.component, answer.map_from_camera});
+      if (!answer.world_is_metric) in_map_units = true;
+      if (answer.world_is_metric && !in_metres_since) in_metres_since = answer.time_ns;
     }
     if (keep_state) states += StateLine(answer);
+  }
+
+  // Whether the map has not been aligned, or begun, or joined meanwhile.
+  bool StillIn(const CommonFrame& frame) const {
+    return in_metres_since.has_value() == (frame.metric && !answered.empty()) &&
+           std::ranges::all_of(answered, [&](const Pose& pose) {
+             return std::ranges::find(frame.components, pose.component) != frame.components.end();
+           });
+  }
+
+  // The map as it is at the end.
+  void PutInto(const CommonFrame& frame) {
+    together = frame.components;
+    metric = frame.metric;
+    for (const Pose& pose : answered) {
+      const auto found = std::ranges::find(together, pose.component);
+      if (found == together.end()) {
+        ++elsewhere;
+        continue;
+      }
+      const Sim3& common = frame.common_from[static_cast<std::size_t>(found - together.begin())];
+      poses.push_back({pose.time_ns, metric ? common.TransformPose(pose.map_from_camera) : pose.map_from_camera});
+    }
+  }
+
+  std::string UnitOfStates() const {
+    if (!in_metres_since) return "map units";
+    return in_map_units ? absl::StrCat("map units, from t = ", io::FormatSeconds(*in_metres_since), " on in m") : "m";
   }
 
   static std::string StateLine(const api::TrackAnswer& answer) {
@@ -213,10 +249,6 @@ absl::Status TrackAll(const TrackOptions& options, io::FrameSource& source, Trac
       continue;
     }
     CAIRN_RETURN_IF_ERROR(answer.status());
-    if (answer->world_is_metric && !summary->metric) {
-      CAIRN_ASSIGN_OR_RETURN(const CommonFrame frame_now, target.frame());
-      summary->together = frame_now.components;
-    }
     summary->Add(*answer, !options.states.empty());
     progress.Update(frame->index + 1, absl::StrCat(summary->WithPose(), " of ", summary->frames, " with a pose"));
   }
@@ -240,7 +272,7 @@ absl::Status WriteOutputs(const TrackOptions& options, const TrackSummary& summa
         absl::StrCat(
             "# t state position_sigma rotation_sigma_deg component inliers revision track_ms reason: sigmas per "
             "axis, positions in ",
-            summary.metric ? "m" : "map units", ", ", map, "\n", summary.states),
+            summary.UnitOfStates(), ", ", map, "\n", summary.states),
         options.overwrite));
   }
   return status;
@@ -321,11 +353,9 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(TrackTarget target,
                          OpenTrackTarget(server, options.map, source->info().camera,
                                          TrackerOptions(options, source->info()), options.server_side));
-  CAIRN_ASSIGN_OR_RETURN(const CommonFrame common, target.frame());
+  CAIRN_ASSIGN_OR_RETURN(CommonFrame common, target.frame());
   SkippedFrames skipped("track", options.json);
   TrackSummary summary;
-  summary.together = common.components;
-  summary.metric = common.metric;
   absl::Status status;
   {
     std::atomic<bool> stop = false;
@@ -334,6 +364,10 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
   }
   const bool interrupted = interrupt.exit_code() != 0;
   if (interrupted && absl::IsUnavailable(status)) status = absl::OkStatus();  // it waited for a server
+  if (!summary.StillIn(common)) {
+    if (absl::StatusOr<CommonFrame> now = target.frame(); now.ok()) common = *std::move(now);
+  }
+  summary.PutInto(common);
   if (status.ok() && summary.frames == 0 && !interrupted) {
     return absl::DataLossError(
         absl::StrCat("none of the ", skipped.count(), " images of ", options.input.sequence, " could be used"));

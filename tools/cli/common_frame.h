@@ -12,6 +12,7 @@ namespace cairn::cli {
 struct CommonFrame {
   std::vector<ComponentId> components;  // all that are aligned, or else the one with most keyframes
   bool metric = false;                  // their frame is the world
+  std::vector<Sim3> common_from;        // of each; the identity unless `metric`
 };
 
 CommonFrame CommonFrameOf(const map::Snapshot& map);
