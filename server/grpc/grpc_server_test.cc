@@ -3,6 +3,7 @@
 #include <cairn/v1/localize.grpc.pb.h>
 #include <cairn/v1/maps.grpc.pb.h>
 #include <gmock/gmock.h>
+#include <google/protobuf/descriptor.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/impl/codegen/client_unary_call.h>
 #include <gtest/gtest.h>
@@ -35,6 +36,23 @@ class GrpcServerTest : public testing::Test {
     ASSERT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
     channel_ = grpc::CreateChannel(server_->Remote().server, grpc::InsecureChannelCredentials());
+  }
+
+  // One message of these bytes to a call, and nothing after it.
+  grpc::Status Send(const std::string& path, const std::string& bytes) {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(20));
+    const grpc::internal::RpcMethod method(path.c_str(), grpc::internal::RpcMethod::BIDI_STREAMING);
+    const std::unique_ptr<grpc::ClientReaderWriter<grpc::ByteBuffer, grpc::ByteBuffer>> stream(
+        grpc::internal::ClientReaderWriterFactory<grpc::ByteBuffer, grpc::ByteBuffer>::Create(channel_.get(), method,
+                                                                                              &context));
+    const grpc::Slice slice(bytes);
+    stream->Write(grpc::ByteBuffer(&slice, 1));
+    stream->WritesDone();
+    grpc::ByteBuffer answer;
+    while (stream->Read(&answer)) {
+    }
+    return stream->Finish();
   }
 
   std::string directory_;
@@ -102,6 +120,58 @@ TEST_F(GrpcServerTest, MessagesBeyondTheLimitAreRefusedAndTheServerGoesOn) {
   v1::ListMapsResponse response;
   EXPECT_TRUE(v1::Maps::NewStub(channel_)->ListMaps(&context, {}, &response).ok());
   EXPECT_EQ(response.maps_size(), 1);
+}
+
+// gRPC unpacks before it looks at the size: 64 MB could become as many GB.
+TEST_F(GrpcServerTest, PackedMessagesAreRefusedBeforeTheyAreUnpacked) {
+  GrpcServerOptions options;
+  options.max_message_bytes = 1 << 20;
+  Start(options);
+  v1::LocalizeImageRequest request;
+  request.set_map("room");
+  request.mutable_image()->set_gray(std::string(8 << 20, '\0'));
+  for (const auto packed : {GRPC_COMPRESS_GZIP, GRPC_COMPRESS_DEFLATE}) {
+    grpc::ClientContext context;
+    context.set_compression_algorithm(packed);
+    v1::LocalizeImageResponse response;
+    const grpc::Status status = v1::Localize::NewStub(channel_)->LocalizeImage(&context, request, &response);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::UNIMPLEMENTED) << status.error_message();
+  }
+  grpc::ClientContext context;
+  v1::ListMapsResponse response;
+  EXPECT_TRUE(v1::Maps::NewStub(channel_)->ListMaps(&context, {}, &response).ok());
+}
+
+// Of every call: bytes that are no message, and a good one that ends too early.
+TEST_F(GrpcServerTest, WhatIsNoMessageIsRefusedAndTheServerGoesOn) {
+  v1::LocalizeImageRequest whole;
+  whole.set_map("room");
+  whole.mutable_image()->set_gray(std::string(100, 'x'));
+  const std::string bytes = whole.SerializeAsString();
+  const std::vector<std::string> messages = {bytes.substr(0, bytes.size() - 10), "\xff\xff\xff\xff",
+                                             std::string(1000, '\x0a')};
+  int calls = 0;
+  for (const char* name : {"admin", "align", "follow", "localize", "maps", "sessions", "status", "track"}) {
+    const auto* file =
+        google::protobuf::DescriptorPool::generated_pool()->FindFileByName(absl::StrCat("cairn/v1/", name, ".proto"));
+    ASSERT_NE(file, nullptr) << name;
+    for (int s = 0; s < file->service_count(); ++s) {
+      for (int m = 0; m < file->service(s)->method_count(); ++m, ++calls) {
+        const auto* method = file->service(s)->method(m);
+        const std::string path = absl::StrCat("/", file->service(s)->full_name(), "/", method->name());
+        for (const std::string& message : messages) {
+          const grpc::Status status = Send(path, message);
+          EXPECT_FALSE(status.ok()) << path;
+          EXPECT_NE(status.error_code(), grpc::StatusCode::UNAVAILABLE) << path << ": " << status.error_message();
+          EXPECT_NE(status.error_code(), grpc::StatusCode::DEADLINE_EXCEEDED) << path;
+        }
+      }
+    }
+  }
+  EXPECT_GE(calls, 19);
+  grpc::ClientContext context;
+  v1::ListMapsResponse response;
+  EXPECT_TRUE(v1::Maps::NewStub(channel_)->ListMaps(&context, {}, &response).ok());
 }
 
 // As grpcurl, load balancers and systemd ask.

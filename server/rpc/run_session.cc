@@ -19,7 +19,8 @@ class SessionCall {
   SessionCall(const CallContext& context, SessionStream* stream) : context_(context), stream_(*stream) {}
 
   absl::Status Run() {
-    if (!stream_.Read(&request_)) return absl::OkStatus();
+    // gRPC ends a stream in the same way where it cannot read a message.
+    if (!stream_.Read(&request_)) return absl::InvalidArgumentError("session: no `start` came that could be read");
     CAIRN_RETURN_IF_ERROR(Start());
     while (stream_.Read(&request_)) {
       response_.Clear();

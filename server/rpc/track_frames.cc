@@ -19,7 +19,8 @@ absl::StatusOr<api::TrackAnswer> AnswerFrame(const CallContext& context, const v
 
 absl::Status Follow(const CallContext& context, TrackStream* stream) {
   v1::TrackFramesRequest request;
-  if (!stream->Read(&request)) return absl::OkStatus();
+  // gRPC ends a stream in the same way where it cannot read a message.
+  if (!stream->Read(&request)) return absl::InvalidArgumentError("track: no `start` came that could be read");
   if (!request.has_start()) return absl::InvalidArgumentError("track: it begins with `start`");
   CAIRN_ASSIGN_OR_RETURN(const Camera camera, wire::FromProto(request.start().camera()));
   CAIRN_RETURN_IF_ERROR(CheckImageSize(camera, context.images));

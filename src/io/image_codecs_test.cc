@@ -112,6 +112,17 @@ TEST(DecodeGray, SaysWhatItCannotRead) {
   EXPECT_THAT(std::string(DecodeGray(bmp).status().message()), HasSubstr("compressed BMP"));
 }
 
+// A few bytes that take the time to go through all of the image, again and again.
+TEST(DecodeGray, AJpegOfThousandsOfScansIsRefused) {
+  const std::string good = Encoded(".jpg", Noise(64, 64, CV_8UC1, 1), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
+  EXPECT_TRUE(DecodeGray(good).ok());
+  const std::size_t last = good.rfind("\xFF\xDA"), end = good.rfind("\xFF\xD9");
+  ASSERT_LT(last, end);
+  std::string many = good.substr(0, end);
+  for (int i = 0; i < 200; ++i) many += good.substr(last, end - last);
+  EXPECT_THAT(std::string(DecodeGray(many + good.substr(end)).status().message()), HasSubstr("more than 100 scans"));
+}
+
 TEST(DecodeGray, TruncatedAtAnyByte) {
   for (const std::string extension : {".png", ".jpg", ".bmp", ".ppm", ".webp"}) {
     const std::string bytes = Encoded(extension, Noise(9, 11, CV_8UC3, 6));

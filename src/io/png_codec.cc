@@ -33,12 +33,19 @@ void Take(png_structp png, png_bytep to, std::size_t size) {
   reading->rest.remove_prefix(size);
 }
 
+// Chunks that have nothing to do with the pixels: names of four letters and a zero each.
+constexpr png_byte kNotRead[] = "tEXt\0zTXt\0iTXt\0sPLT\0eXIf";
+constexpr int kNumNotRead = 5;
+static_assert(sizeof(kNotRead) == 5 * kNumNotRead);
+
 // Up to the pixels, and how they are to come out.
 bool ReadHeader(PngReading* reading) {
   png_structp png = reading->png;
   png_infop info = reading->info;
   if (setjmp(png_jmpbuf(png)) != 0) return false;
   png_set_read_fn(png, reading, Take);
+  // A thousand texts of 8 MB each would be kept, of a file of 8 MB.
+  png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, kNotRead, kNumNotRead);
   png_read_info(png, info);
   reading->width = png_get_image_width(png, info), reading->height = png_get_image_height(png, info);
   const int color = png_get_color_type(png, info), bits = png_get_bit_depth(png, info);

@@ -2,6 +2,7 @@
 import base64
 import json
 import pathlib
+import re
 import shutil
 import signal
 import socket
@@ -14,11 +15,13 @@ from cairn_cli import cairn, must
 from served_maps import Server
 
 
-def png(width, height, rows):
-    def chunk(kind, body):
-        return struct.pack('>I', len(body)) + kind + body + struct.pack('>I', zlib.crc32(kind + body))
+def chunk(kind, body):
+    return struct.pack('>I', len(body)) + kind + body + struct.pack('>I', zlib.crc32(kind + body))
+
+
+def png(width, height, rows, before=b''):
     header = struct.pack('>IIBBBBB', width, height, 8, 0, 0, 0, 0)
-    return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', header) + chunk(b'IDAT', rows) + chunk(b'IEND', b'')
+    return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', header) + before + chunk(b'IDAT', rows) + chunk(b'IEND', b'')
 
 
 def blank_png(width, height):
@@ -96,6 +99,14 @@ class HostileClients(unittest.TestCase):
         # As large as is allowed: an answer, and a miss.
         status, _, text = self.post(blank_png(4000, 4000), camera(4000, 4000, 3000))
         self.assertEqual((status, json.loads(text)['stage']), (200, 'STAGE_FEATURES'))
+
+    def test_texts_that_unpack_to_gigabytes(self):
+        text = chunk(b'zTXt', b'x\0\0' + zlib.compress(b'\0' * 7_900_000, 9))
+        rows = zlib.compress((b'\0' * 481) * 360)
+        status, _, answer = self.post(png(480, 360, rows, before=150 * text), camera(480, 360))
+        self.assertEqual((status, json.loads(answer)['stage']), (200, 'STAGE_FEATURES'))
+        most = re.search(r'VmHWM:\s+(\d+) kB', pathlib.Path(f'/proc/{self.server.process.pid}/status').read_text())
+        self.assertLess(int(most[1]) * 1024, 600e6)
 
     def test_cameras_that_make_no_sense(self):
         for params in ([0, 0, 240, 180], [-1, 1, 1, 1], [1e308, 1e308, 1, 1], [315, 315, 1e9, 180], [315, 315, 240], 'x', None):

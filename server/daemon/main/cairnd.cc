@@ -108,6 +108,7 @@ int Serve(const DaemonOptions& options, const sigset_t& signals) {
 int Main(int argc, char** argv) {
   const sigset_t signals = EndingSignals();
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);  // writing beyond the limit is an error like a full disk
   // What goes wrong with a call is in its answer and in our own log.
   setenv("GRPC_VERBOSITY", "NONE", /*overwrite=*/0);
   google::protobuf::SetLogHandler(nullptr);
