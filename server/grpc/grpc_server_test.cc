@@ -191,13 +191,21 @@ TEST_F(GrpcServerTest, SaysThatItIsHealthy) {
 
 // What is under way is answered; who comes later, or after the server has gone, is told so.
 TEST_F(GrpcServerTest, StopsInOrder) {
-  const auto service = client::RemoteMapService::Connect(server_->Remote());
+  client::RemoteOptions remote = server_->Remote();
+  remote.outage_s = 0.5;
+  int waits = 0;
+  remote.on_outage = [&](const absl::Status& /*why*/) { ++waits; };
+  const auto service = client::RemoteMapService::Connect(remote);
   ASSERT_TRUE(service.ok());
   EXPECT_TRUE((*service)->List().ok());
   server_->grpc->Stop(std::chrono::seconds(3));
   const absl::Status gone = (*service)->List().status();
   EXPECT_EQ(gone.code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(std::string(gone.message()), testing::HasSubstr("is cairnd running there?"));
+  EXPECT_EQ(waits, 1) << "as it had answered before";
+  const auto never = client::RemoteMapService::Connect(remote);
+  EXPECT_EQ((*never)->List().status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_EQ(waits, 1) << "nobody has ever answered there";
 }
 
 TEST(RemoteMapService, ErrorsOfOptions) {
