@@ -63,6 +63,9 @@ PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<co
 
 namespace {
 
+// Instead of how many entries were passed over, if they are so many or more: then the number follows.
+constexpr std::uint32_t kFar = 255;
+
 void AppendVarint(std::string* out, std::uint32_t value) {
   for (; value >= 0x80; value >>= 7) out->push_back(static_cast<char>(value | 0x80));
   out->push_back(static_cast<char>(value));
@@ -85,9 +88,8 @@ class Numbers {
     }
     return false;
   }
-  // A number of one byte that is even; else nothing is read.
-  bool SmallEven(std::uint32_t* value) {
-    if (at_ == end_ || (static_cast<std::uint8_t>(*at_) & 0x81) != 0) return false;
+  bool Byte(std::uint32_t* value) {
+    if (at_ == end_) return false;
     *value = static_cast<std::uint8_t>(*at_++);
     return true;
   }
@@ -115,17 +117,32 @@ std::string PostingSegment::Pack() const {
   AppendVarint(&out, static_cast<std::uint32_t>(postings_.size()));
   for (const double sum : sum_) out.append(reinterpret_cast<const char*>(&sum), sizeof(sum));
   for (std::size_t word = 0; word < num_words; ++word) AppendVarint(&out, begin_[word + 1] - begin_[word]);
+  // A byte each, nearly always: what is read at every opening must not be decided number by number. What is there more
+  // than once is little, and follows by itself.
+  std::string more;
+  std::uint32_t num_more = 0, next_more = 0;
   for (std::size_t word = 0; word < num_words; ++word) {
     std::uint32_t next = 0;
     for (std::uint32_t i = begin_[word]; i < begin_[word + 1]; ++i) {
       const std::uint32_t entry = postings_[i] & kEntryMask;
       std::uint32_t count = postings_[i] >> kEntryBits;
-      if (count == kMany) count = many_.at(i);
-      AppendVarint(&out, (entry - next) << 1 | (count > 1 ? 1 : 0));
-      if (count > 1) AppendVarint(&out, count);
+      if (entry - next < kFar) {
+        out.push_back(static_cast<char>(entry - next));
+      } else {
+        out.push_back(static_cast<char>(kFar));
+        AppendVarint(&out, entry - next);
+      }
       next = entry + 1;
+      if (count == 1) continue;
+      if (count == kMany) count = many_.at(i);
+      AppendVarint(&more, i - next_more);
+      AppendVarint(&more, count);
+      next_more = i + 1;
+      ++num_more;
     }
   }
+  AppendVarint(&out, num_more);
+  out += more;
   return out;
 }
 
@@ -157,17 +174,25 @@ absl::StatusOr<PostingSegment> PostingSegment::Unpack(std::uint32_t first, std::
   for (std::size_t word = 0; word < num_words; ++word) {
     std::uint32_t next = 0;
     for (std::uint32_t i = segment.begin_[word]; i < segment.begin_[word + 1]; ++i) {
-      std::uint32_t code = 0, count = 1;
-      // Nearly all are of one byte, and of a word that is there once.
-      if (!numbers.SmallEven(&code) && (!numbers.Varint(&code) || ((code & 1) != 0 && !numbers.Varint(&count)))) {
-        return bad("it is cut off");
-      }
-      const std::uint32_t entry = next + (code >> 1);
-      if (entry >= entries || count == 0) return bad("an image is out of range");
-      if (count >= kMany) segment.many_.emplace(i, count);
-      segment.postings_[i] = static_cast<std::uint16_t>(std::min(count, kMany) << kEntryBits | entry);
+      std::uint32_t gap = 0;
+      if (!numbers.Byte(&gap) || (gap == kFar && !numbers.Varint(&gap))) return bad("it is cut off");
+      const std::uint32_t entry = next + gap;
+      if (gap >= entries || entry >= entries) return bad("an image is out of range");
+      segment.postings_[i] = static_cast<std::uint16_t>(1u << kEntryBits | entry);
       next = entry + 1;
     }
+  }
+  std::uint32_t num_more = 0;
+  if (!numbers.Varint(&num_more) || num_more > postings) return bad("it is cut off");
+  std::uint64_t at = 0;
+  for (std::uint32_t i = 0; i < num_more; ++i, ++at) {
+    std::uint32_t gap = 0, count = 0;
+    if (!numbers.Varint(&gap) || !numbers.Varint(&count)) return bad("it is cut off");
+    at += gap;
+    if (at >= postings || count < 2) return bad("a count is out of range");
+    if (count >= kMany) segment.many_.emplace(static_cast<std::uint32_t>(at), count);
+    std::uint16_t& posting = segment.postings_[at];
+    posting = static_cast<std::uint16_t>(std::min(count, kMany) << kEntryBits | (posting & kEntryMask));
   }
   if (numbers.left() != 0) return bad("there is more than it says");
   return segment;
