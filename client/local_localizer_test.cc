@@ -77,6 +77,45 @@ TEST_F(LocalLocalizer, AnswersTheSameWithLittleMemory) {
   EXPECT_LT(cache.bytes(), 500'000u);
 }
 
+// From a map that is ready, from one that must be loaded, and from one of whose keyframes and points little is kept.
+TEST_F(LocalLocalizer, AnswersTheSameFromReadyPages) {
+  std::remove(path_.c_str());
+  ASSERT_TRUE(WriteConformanceMap(path_).ok());
+  const ConformanceMap& map = TheConformanceMap();
+  const api::LocalizeQuery query{map.room.Render(map.pinhole, LookInRoom({0.2, 0.0, -1.4}, 0.05)),
+                                 Camera::FromPinhole(map.pinhole), 0};
+  const auto ready = client::LocalLocalizer::Open(path_);
+  ASSERT_TRUE(ready.ok()) << ready.status();
+  ASSERT_NE((*ready)->snapshot().entities(), nullptr) << "the map is not ready";
+  auto reader = client::MapReader::Open(path_, {.entity_budget_bytes = 1});
+  ASSERT_TRUE(reader.ok()) << reader.status();
+  const auto forgetful = client::LocalLocalizer::Open(*std::move(reader), {});
+  ASSERT_TRUE(forgetful.ok());
+  const auto first = (*ready)->Localize(query);
+  ASSERT_TRUE(first.ok() && (*forgetful)->Localize(query).ok());
+  EXPECT_GT((*forgetful)->snapshot().entities()->bytes(), 0u);
+  ASSERT_TRUE((*forgetful)->Refresh().ok());
+  EXPECT_EQ((*forgetful)->snapshot().entities()->bytes(), 0u) << "beyond the budget all is forgotten";
+  const auto again = (*forgetful)->Localize(query);
+  {
+    const auto database = store::Database::OpenFile(path_, store::Database::Mode::kReadWrite);
+    ASSERT_TRUE(database.ok());
+    ASSERT_TRUE((*database)->Execute("DROP TABLE ready_pages; PRAGMA wal_checkpoint(TRUNCATE)").ok());
+  }
+  const auto loaded = client::LocalLocalizer::Open(path_);
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  ASSERT_EQ((*loaded)->snapshot().entities(), nullptr);
+  const auto expected = (*loaded)->Localize(query);
+  ASSERT_TRUE(expected.ok() && again.ok());
+  EXPECT_TRUE(expected->localized) << expected->reason;
+  for (const auto* answer : {&*first, &*again}) {
+    EXPECT_EQ(answer->world_from_camera.Matrix(), expected->world_from_camera.Matrix());
+    EXPECT_EQ(answer->covariance, expected->covariance);
+    EXPECT_EQ(answer->counts.inliers, expected->counts.inliers);
+    EXPECT_EQ(answer->reference_keyframe, expected->reference_keyframe);
+  }
+}
+
 // What is damaged after the map was opened, or where the disk fails, is no answer but an error; a map that is good
 // again answers again.
 TEST_F(LocalLocalizer, FeaturesThatCannotBeReadAreAnError) {

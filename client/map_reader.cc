@@ -2,6 +2,8 @@
 
 #include <mutex>
 #include <optional>
+#include <span>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -53,9 +55,12 @@ class MapReader::File {
     CAIRN_ASSIGN_OR_RETURN(const Revision newest, file_->ReadRevision());
     const auto& features = view_->map().feature_cache();  // null: the view came from who wrote the map
     if (features != nullptr && !features->status().ok()) {
+      // What is kept ready is written anew now and then; it may be damaged where the map is not.
+      may_be_ready_ = may_be_ready_ && store::FaultOf(features->status()) == store::Fault::kBusy;
       CAIRN_RETURN_IF_ERROR(Load());
       return view_;
     }
+    ForgetBeyondBudget();
     if (newest == view_->revision()) return view_;
     CAIRN_ASSIGN_OR_RETURN(const std::optional<map::Delta> delta, file_->ReadDelta(view_->map()));
     if (!delta) {
@@ -80,6 +85,41 @@ class MapReader::File {
 
  private:
   absl::Status Load() {
+    if (may_be_ready_) {
+      const std::shared_ptr<const tracking::MapView> ready = LoadReady();
+      if (ready != nullptr) {
+        view_ = ready;
+        return absl::OkStatus();
+      }
+    }
+    return LoadWhole();
+  }
+
+  // Null: the map must be loaded as a whole.
+  std::shared_ptr<const tracking::MapView> LoadReady() {
+    auto places = tracking::PlaceIndex::Builder::Create(vocabulary_);
+    if (!places.ok()) return nullptr;
+    store::ReadyOptions load;
+    load.feature_budget_bytes = options_.feature_budget_bytes;
+    load.segment = [&](std::span<const KeyframeId> keyframes, absl::string_view packed) {
+      return places->AddSegment(keyframes, std::string_view(packed.data(), packed.size()));
+    };
+    const auto ready = file_->LoadReady(load);
+    if (!ready.ok() || !*ready) return nullptr;
+    auto view = ViewOf((*ready)->map, *std::move(places));
+    if (view.ok() && (*ready)->since) view = (*view)->After(*(*ready)->since);
+    if (!view.ok() || !(*view)->map().feature_cache()->status().ok()) return nullptr;
+    return *std::move(view);
+  }
+
+  // Of keyframes and points that were looked at, when they are too many; who uses the view goes on with it.
+  void ForgetBeyondBudget() {
+    const auto& entities = view_->map().entities();
+    if (entities == nullptr || entities->bytes() <= options_.entity_budget_bytes) return;
+    view_ = tracking::MapView::Create(view_->map().Anew(), *view_->places());
+  }
+
+  absl::Status LoadWhole() {
     CAIRN_ASSIGN_OR_RETURN(auto places, tracking::PlaceIndex::Builder::Create(vocabulary_));
     bool all_have_words = true;
     store::LoadOptions load;
@@ -102,6 +142,7 @@ class MapReader::File {
   }
 
   MapReaderOptions options_;
+  bool may_be_ready_ = true;
   mutable std::mutex mutex_;
   std::unique_ptr<store::MapStore> file_;
   std::shared_ptr<const place::Vocabulary> vocabulary_;

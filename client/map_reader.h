@@ -17,6 +17,9 @@ namespace cairn::client {
 struct MapReaderOptions {
   // Of features, that come from the file when a query needs them and are then kept (map/feature_cache.h).
   std::size_t feature_budget_bytes = 64'000'000;
+  // Of keyframes and points of a map that is kept ready (docs/map-format.md), which come from the file likewise; looked
+  // at when the map is refreshed.
+  std::size_t entity_budget_bytes = 48'000'000;
 };
 
 class MapReader : public ViewSource {

@@ -17,7 +17,7 @@ ALLOWED = {
     'direct': ['image', 'optimization'],
     'tracking': ['map', 'place', 'optimization'],
     'mapping': ['tracking', 'direct'],
-    'store': ['map'],
+    'store': ['map', 'place'],
     'health': ['store', 'place'],
     'io': ['map'],
     'api': ['map'],

@@ -173,8 +173,10 @@ map::MapInfo NewMapInfo(const map::MapInfo& like, const std::string& name) {
 
 absl::StatusOr<std::unique_ptr<store::MapStore>> PrepareNewMap(const map::Snapshot& map, const map::MapInfo& info,
                                                                const std::string& vocabulary, const std::string& uri,
-                                                               bool overwrite, const std::string& reason) {
+                                                               bool overwrite, const std::string& reason,
+                                                               const store::WriteOptions& write) {
   store::CreateOptions options;
+  options.write = write;
   options.overwrite = overwrite;
   options.whole = true;
   options.vocabulary = vocabulary;
@@ -186,9 +188,10 @@ absl::StatusOr<std::unique_ptr<store::MapStore>> PrepareNewMap(const map::Snapsh
 }
 
 absl::Status WriteNewMap(const map::Snapshot& map, const map::MapInfo& info, const std::string& vocabulary,
-                         const std::string& uri, bool overwrite, const std::string& reason) {
+                         const std::string& uri, bool overwrite, const std::string& reason,
+                         const store::WriteOptions& write) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
-                         PrepareNewMap(map, info, vocabulary, uri, overwrite, reason));
+                         PrepareNewMap(map, info, vocabulary, uri, overwrite, reason, write));
   return store->Close();
 }
 

@@ -31,10 +31,12 @@ map::MapInfo NewMapInfo(const map::MapInfo& like, const std::string& name);
 // store::CreateMapStore.
 absl::StatusOr<std::unique_ptr<store::MapStore>> PrepareNewMap(const map::Snapshot& map, const map::MapInfo& info,
                                                                const std::string& vocabulary, const std::string& uri,
-                                                               bool overwrite, const std::string& reason);
+                                                               bool overwrite, const std::string& reason,
+                                                               const store::WriteOptions& write = {});
 
 // The same with the store closed: the file is there, complete, or not at all.
 absl::Status WriteNewMap(const map::Snapshot& map, const map::MapInfo& info, const std::string& vocabulary,
-                         const std::string& uri, bool overwrite, const std::string& reason);
+                         const std::string& uri, bool overwrite, const std::string& reason,
+                         const store::WriteOptions& write = {});
 
 }  // namespace cairn::care

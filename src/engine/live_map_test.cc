@@ -41,6 +41,7 @@ class FakeStore : public store::MapStore {
   bool writable() const override { return true; }
   bool exists() const override { return exists_; }
   const std::vector<std::string>& notes() const override { return notes_; }
+  absl::StatusOr<std::optional<store::ReadyMap>> LoadReady(const store::ReadyOptions&) override { return std::nullopt; }
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot(const store::LoadOptions&) override {
     return None();
   }

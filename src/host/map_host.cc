@@ -31,6 +31,13 @@ std::int64_t BytesInMemory(std::int64_t stored_bytes, bool with_features) {
   return std::llround(kWithoutFeatures * stored) + std::min(stored_bytes, features);
 }
 
+// The same of one that need not be loaded (docs/map-format.md, "Ready pages"): its place index, and what was looked at.
+std::int64_t BytesInMemory(const map::Snapshot& ready) {
+  constexpr std::int64_t kPerKeyframe = 8'000;
+  return kPerKeyframe * static_cast<std::int64_t>(ready.keyframes().size()) +
+         static_cast<std::int64_t>(ready.entities()->bytes() + ready.feature_cache()->bytes());
+}
+
 int WorkersOf(const MapHostOptions& options) {
   if (options.workers > 0) return options.workers;
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
@@ -164,6 +171,10 @@ void MapHost::Measure(const std::string& map, Slot* slot) {
   std::error_code error;
   const auto stored = std::filesystem::file_size(FileOf(map), error);  // opening it would take much longer
   if (error) return;  // it is not there yet, or not any more: whoever asks for the map is told
+  if (known->map().entities() != nullptr) {
+    slot->bytes = std::max<std::int64_t>(1, BytesInMemory(known->map()));
+    return;
+  }
   const bool with_features = known->map().feature_cache() == nullptr;
   slot->bytes = std::max<std::int64_t>(1, BytesInMemory(static_cast<std::int64_t>(stored), with_features));
 }

@@ -64,6 +64,11 @@ absl::Status FeatureCache::status() const {
   return status_;
 }
 
+void FeatureCache::Note(const absl::Status& error) {
+  const std::lock_guard lock(mutex_);
+  status_.Update(error);
+}
+
 std::size_t FeatureCache::bytes() const {
   const std::lock_guard lock(mutex_);
   return bytes_;

@@ -95,6 +95,9 @@ class FeatureCache : public std::enable_shared_from_this<FeatureCache> {
   // has left the map, and that is no error.)
   absl::Status status() const;
 
+  // Notes such an error of who reads the rest of the same map when it is looked at.
+  void Note(const absl::Status& error);
+
   std::size_t bytes() const;   // that are kept
   std::size_t pinned() const;  // keyframes whose features stay for good
 

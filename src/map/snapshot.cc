@@ -48,7 +48,35 @@ std::shared_ptr<const Counts> Recounted(const std::shared_ptr<const Counts>& cou
   return updated;
 }
 
+template <class T>
+auto ById(std::vector<T> values) {
+  using IdType = decltype(T::id);
+  auto table = std::make_shared<std::map<IdType, T>>();
+  for (T& value : values) table->emplace_hint(table->end(), value.id, std::move(value));
+  return std::shared_ptr<const std::map<IdType, T>>(std::move(table));
+}
+
 }  // namespace
+
+std::shared_ptr<const Snapshot> Snapshot::Of(SnapshotParts parts) {
+  auto snapshot = std::make_shared<Snapshot>();
+  snapshot->revision_ = parts.revision;
+  snapshot->info_ = Share<MapInfo>(std::move(parts.info));
+  snapshot->cameras_ = ById(std::move(parts.cameras));
+  snapshot->sessions_ = ById(std::move(parts.sessions));
+  snapshot->components_ = ById(std::move(parts.components));
+  snapshot->num_keyframes_ = Share<Counts>(std::move(parts.num_keyframes));
+  snapshot->keyframes_ = Table<KeyframeId, Keyframe>::Over(parts.entities->keyframes());
+  snapshot->points_ = Table<PointId, MapPoint>::Over(parts.entities->points());
+  snapshot->entities_ = std::move(parts.entities);
+  snapshot->feature_cache_ = std::move(parts.feature_cache);
+  snapshot->next_keyframe_ = parts.next_keyframe;
+  snapshot->next_point_ = parts.next_point;
+  snapshot->next_camera_ = parts.next_camera;
+  snapshot->next_session_ = parts.next_session;
+  snapshot->next_component_ = parts.next_component;
+  return snapshot;
+}
 
 std::shared_ptr<const Snapshot> Snapshot::Empty(MapInfo info, Revision revision) {
   auto snapshot = std::make_shared<Snapshot>();
@@ -92,6 +120,15 @@ absl::StatusOr<std::shared_ptr<const Snapshot>> Snapshot::Apply(const Delta& del
 std::shared_ptr<const Snapshot> Snapshot::With(std::shared_ptr<FeatureCache> cache) const {
   auto same = std::make_shared<Snapshot>(*this);
   same->feature_cache_ = std::move(cache);
+  return same;
+}
+
+std::shared_ptr<const Snapshot> Snapshot::Anew() const {
+  auto same = std::make_shared<Snapshot>(*this);
+  if (entities_ == nullptr) return same;
+  same->entities_ = entities_->Anew();
+  same->keyframes_ = keyframes_.WithSource(same->entities_->keyframes());
+  same->points_ = points_.WithSource(same->entities_->points());
   return same;
 }
 

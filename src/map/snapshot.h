@@ -9,6 +9,7 @@
 #include "base/status.h"
 #include "map/delta.h"
 #include "map/entities.h"
+#include "map/entity_source.h"
 #include "map/table.h"
 
 namespace cairn::map {
@@ -19,10 +20,30 @@ inline constexpr int kMinStoredSharedPoints = 8;
 inline constexpr int kMinCovisiblePoints = 15;
 inline constexpr int kMinEssentialPoints = 100;
 
+// A revision whose keyframes and points come from a source when somebody looks at them.
+struct SnapshotParts {
+  Revision revision = 0;
+  MapInfo info;
+  std::vector<MapCamera> cameras;
+  std::vector<Session> sessions;
+  std::vector<Component> components;
+  std::map<ComponentId, std::int64_t> num_keyframes;  // of those that have any
+  std::shared_ptr<const EntitySource> entities;
+  std::shared_ptr<FeatureCache> feature_cache;
+  KeyframeId next_keyframe{1};
+  PointId next_point{1};
+  CameraId next_camera{1};
+  SessionId next_session{1};
+  ComponentId next_component{1};
+};
+
 class Snapshot {
  public:
   // An empty map, at revision 0 unless a map that has a history is being read back.
   static std::shared_ptr<const Snapshot> Empty(MapInfo info, Revision revision = 0);
+
+  // Of parts that were a good map when they were written: nothing is looked at, and nothing is checked.
+  static std::shared_ptr<const Snapshot> Of(SnapshotParts parts);
 
   // The map after `delta`. O(size of the delta). Errors: FailedPrecondition if delta.base is not this revision,
   // InvalidArgument if the map after it would not be a good one (map/delta_check.h): every change of a map, from
@@ -62,6 +83,11 @@ class Snapshot {
   // Null: all features are in memory. Who answers questions about the map says so if its status is not OK.
   const std::shared_ptr<FeatureCache>& feature_cache() const { return feature_cache_; }
 
+  // Null: all keyframes and points are in memory.
+  const std::shared_ptr<const EntitySource>& entities() const { return entities_; }
+  // The same revision, of whose keyframes and points in the source none was looked at yet.
+  std::shared_ptr<const Snapshot> Anew() const;
+
   // Every reference resolves both ways: observations, parents and children, covisibility. O(map); for tests, `verify`
   // and after loading.
   absl::Status CheckConsistency() const;
@@ -75,6 +101,7 @@ class Snapshot {
   std::shared_ptr<const std::map<ComponentId, std::int64_t>> num_keyframes_;  // of those that have any
   Table<KeyframeId, Keyframe> keyframes_;
   Table<PointId, MapPoint> points_;
+  std::shared_ptr<const EntitySource> entities_;
   std::shared_ptr<FeatureCache> feature_cache_;
   KeyframeId next_keyframe_{1};
   PointId next_point_{1};

@@ -3,7 +3,8 @@
 // locks.
 //
 // A radix tree with 32 children per node, in the manner of Bagwell, "Ideal hash trees" (2001), without hashing as ids
-// are dense.
+// are dense. Below it there may be a source of values that are not in memory: then the tree holds, by whole leaves,
+// what is not as it is there.
 #pragma once
 
 #include <array>
@@ -11,6 +12,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <utility>
+
+#include "map/entity_source.h"
 
 namespace cairn::map {
 
@@ -40,14 +44,9 @@ class Table {
   const T* Find(IdType id) const { return FindPointer(id).get(); }
   const Pointer& FindPointer(IdType id) const {
     static const Pointer none;
-    std::uint32_t key = id.value();
-    if (!root_ || (depth_ < kMaxDepth && (key >> (kBits * depth_)) != 0)) return none;
-    const Node* node = root_.get();
-    for (int level = depth_ - 1; level > 0; --level) {
-      node = node->children[(key >> (kBits * level)) & kMask].get();
-      if (node == nullptr) return none;
-    }
-    return node->values[key & kMask];
+    const std::uint32_t key = id.value();
+    if (const Node* leaf = FindLeaf(key)) return leaf->values[key & kMask];
+    return source_ ? source_->Find(key) : none;
   }
   bool Contains(IdType id) const { return Find(id) != nullptr; }
 
@@ -55,9 +54,10 @@ class Table {
   void Set(IdType id, Pointer value, const TableEdit& edit) {
     const std::uint32_t key = id.value();
     if (!root_) {
-      if (!value) return;
+      if (!value && !source_) return;
       root_ = std::make_shared<Node>(edit.token());
       depth_ = 1;
+      FillFromSource(0, root_.get());
     }
     while (depth_ < kMaxDepth && (key >> (kBits * depth_)) != 0) {
       auto taller = std::make_shared<Node>(edit.token());
@@ -69,8 +69,9 @@ class Table {
     for (int level = depth_ - 1; level > 0; --level) {
       auto& child = node->children[(key >> (kBits * level)) & kMask];
       if (!child) {
-        if (!value) return;
+        if (!value && !source_) return;
         child = std::make_shared<Node>(edit.token());
+        if (level == 1) FillFromSource(key, child.get());
       }
       node = Own(child, edit);
     }
@@ -83,7 +84,11 @@ class Table {
   // Calls visit(const Pointer&) for every entry, in the order of ids.
   template <class Visit>
   void ForEach(Visit&& visit) const {
-    if (root_) Walk(*root_, depth_ - 1, visit);
+    if (source_) {
+      for (std::uint64_t leaf = 0; leaf < NumLeaves(); ++leaf) WalkLeaf(static_cast<std::uint32_t>(leaf), visit);
+    } else if (root_) {
+      Walk(*root_, depth_ - 1, visit);
+    }
   }
 
   // Calls visit(const Pointer& here, const Pointer& there) where two tables do not hold the same object, in the order
@@ -91,8 +96,23 @@ class Table {
   // the other, the cost is in proportion to what was changed.
   template <class Visit>
   void ForEachDifference(const Table& other, Visit&& visit) const {
+    if (source_ || other.source_) return WalkDifferingLeaves(other, visit);
     const Subtree here{root_.get(), depth_ - 1}, there{other.root_.get(), other.depth_ - 1};
     WalkDifference(here, there, here.level > there.level ? here.level : there.level, visit);
+  }
+
+  // The table of all that is in `source`.
+  static Table Over(std::shared_ptr<const TableSource<T>> source) {
+    Table table;
+    table.size_ = source->size();
+    table.source_ = std::move(source);
+    return table;
+  }
+  // The same values over another source of the same.
+  Table WithSource(std::shared_ptr<const TableSource<T>> source) const {
+    Table table = *this;
+    table.source_ = std::move(source);
+    return table;
   }
 
  private:
@@ -107,6 +127,56 @@ class Table {
     std::array<std::shared_ptr<Node>, 1u << kBits> children;
     std::array<Pointer, 1u << kBits> values;
   };
+
+  // Null: none of its values is in the tree.
+  const Node* FindLeaf(std::uint32_t key) const {
+    if (!root_ || (depth_ < kMaxDepth && (key >> (kBits * depth_)) != 0)) return nullptr;
+    const Node* node = root_.get();
+    for (int level = depth_ - 1; level > 0 && node != nullptr; --level) {
+      node = node->children[(key >> (kBits * level)) & kMask].get();
+    }
+    return node;
+  }
+
+  // A new leaf, around `key`.
+  void FillFromSource(std::uint32_t key, Node* leaf) const {
+    if (!source_) return;
+    for (std::uint32_t i = 0; i <= kMask; ++i) leaf->values[i] = source_->Find((key & ~kMask) | i);
+  }
+
+  // Leaves, of the tree or the source, that may hold something.
+  std::uint64_t NumLeaves() const {
+    const std::uint64_t in_tree = root_ ? std::uint64_t{1} << (kBits * (depth_ - 1)) : 0;
+    const std::uint64_t in_source = source_ ? (std::uint64_t{source_->end()} + kMask) >> kBits : 0;
+    return in_tree > in_source ? in_tree : in_source;
+  }
+
+  template <class Visit>
+  void WalkLeaf(std::uint32_t number, Visit& visit) const {
+    const std::uint32_t first = number << kBits;
+    const Node* leaf = FindLeaf(first);
+    if (leaf == nullptr && (!source_ || first >= source_->end())) return;
+    for (std::uint32_t i = 0; i <= kMask; ++i) {
+      const Pointer& value = leaf != nullptr ? leaf->values[i] : source_->Find(first + i);
+      if (value) visit(value);
+    }
+  }
+
+  // Of tables one of which, or both, have a source.
+  template <class Visit>
+  void WalkDifferingLeaves(const Table& other, Visit& visit) const {
+    const std::uint64_t end = NumLeaves() > other.NumLeaves() ? NumLeaves() : other.NumLeaves();
+    const bool same_below = source_ && other.source_ && source_->content() == other.source_->content();
+    for (std::uint64_t number = 0; number < end; ++number) {
+      const auto first = static_cast<std::uint32_t>(number << kBits);
+      if (FindLeaf(first) == other.FindLeaf(first) && (FindLeaf(first) != nullptr || same_below)) continue;
+      for (std::uint32_t i = 0; i <= kMask; ++i) {
+        const Pointer& a = FindPointer(IdType(first + i));
+        const Pointer& b = other.FindPointer(IdType(first + i));
+        if (a != b) visit(a, b);
+      }
+    }
+  }
 
   static Node* Own(std::shared_ptr<Node>& node, const TableEdit& edit) {
     if (node->token != edit.token()) {
@@ -156,6 +226,7 @@ class Table {
     }
   }
 
+  std::shared_ptr<const TableSource<T>> source_;
   std::shared_ptr<Node> root_;
   int depth_ = 0;
   std::size_t size_ = 0;

@@ -118,5 +118,67 @@ TEST(Table, ADifferenceCostsWhatWasChanged) {
   EXPECT_EQ(visits, 1);
 }
 
+// Even ids below `end`, each its own value; counts looks.
+class EvenNumbers : public TableSource<int> {
+ public:
+  explicit EvenNumbers(std::uint32_t end) : values_(end) {
+    for (std::uint32_t id = 2; id < end; id += 2) values_[id] = std::make_shared<const int>(static_cast<int>(id));
+  }
+  std::size_t size() const override { return (values_.size() - 1) / 2; }
+  std::uint32_t end() const override { return static_cast<std::uint32_t>(values_.size()); }
+  const void* content() const override { return nullptr; }  // all hold the same
+  const std::shared_ptr<const int>& Find(std::uint32_t id) const override {
+    static const std::shared_ptr<const int> none;
+    ++looks;
+    return id < values_.size() ? values_[id] : none;
+  }
+  mutable int looks = 0;
+
+ private:
+  std::vector<std::shared_ptr<const int>> values_;
+};
+
+TEST(Table, OverASourceHoldsWhatChangedAndLooksUpTheRest) {
+  const auto source = std::make_shared<const EvenNumbers>(10001);
+  const IntTable base = IntTable::Over(source);
+  EXPECT_EQ(base.size(), 5000u);
+  EXPECT_EQ(source->looks, 0);
+  EXPECT_EQ(*base.Find(PointId(10000)), 10000);
+  EXPECT_EQ(base.Find(PointId(4711)), nullptr);
+  EXPECT_EQ(base.Find(PointId(20000)), nullptr);
+
+  IntTable changed = base;
+  const TableEdit edit;
+  changed.Set(PointId(64), nullptr, edit);
+  changed.Set(PointId(65), std::make_shared<const int>(-65), edit);
+  changed.Set(PointId(9000), std::make_shared<const int>(-9000), edit);
+  changed.Set(PointId(40000), std::make_shared<const int>(-40000), edit);
+  EXPECT_EQ(changed.size(), 5001u);
+  EXPECT_EQ(changed.Find(PointId(64)), nullptr);
+  EXPECT_EQ(*changed.Find(PointId(65)), -65);
+  EXPECT_EQ(*changed.Find(PointId(66)), 66) << "of the same leaf";
+  EXPECT_EQ(*changed.Find(PointId(8)), 8);
+  EXPECT_EQ(*base.Find(PointId(64)), 64);
+
+  std::vector<int> expected = Values(base);
+  ASSERT_EQ(expected.size(), 5000u);
+  expected[31] = -65;
+  expected[4499] = -9000;
+  expected.push_back(-40000);
+  const std::vector<int> all = Values(changed);
+  EXPECT_EQ(all, expected);
+
+  std::vector<int> differences;
+  changed.ForEachDifference(base, [&](const auto& here, const auto& there) {
+    differences.push_back(here ? *here : 0);
+    differences.push_back(there ? *there : 0);
+  });
+  EXPECT_EQ(differences, (std::vector<int>{0, 64, -65, 0, -9000, 9000, -40000, 0}));
+  const auto same = std::make_shared<const EvenNumbers>(10001);
+  changed.WithSource(same).ForEachDifference(changed, [](const auto&, const auto&) { FAIL() << "the same"; });
+  EXPECT_EQ(same->looks, 0);
+  EXPECT_EQ(Values(changed.WithSource(same)), all);
+}
+
 }  // namespace
 }  // namespace cairn::map

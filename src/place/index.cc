@@ -107,9 +107,25 @@ absl::Status InvertedIndex::AddTogether(std::span<const Entry> entries) {
     SetId(first + static_cast<std::uint32_t>(words_of_entry.size()), entry.id);
     words_of_entry.emplace_back(entry.words);
   }
-  segments_.store(new Segments{PostingSegment(first, words_of_entry, idf_), segments_.load(std::memory_order_relaxed)},
+  Push(PostingSegment(first, words_of_entry, idf_));
+  return absl::OkStatus();
+}
+
+void InvertedIndex::Push(PostingSegment segment) {
+  const std::uint32_t end = segment.first() + segment.num_entries();
+  segments_.store(new Segments{std::move(segment), segments_.load(std::memory_order_relaxed)},
                   std::memory_order_release);
-  num_entries_.store(first + static_cast<std::uint32_t>(entries.size()), std::memory_order_release);
+  num_entries_.store(end, std::memory_order_release);
+}
+
+absl::Status InvertedIndex::AddSegment(std::span<const std::uint32_t> ids, PostingSegment segment) {
+  const std::uint32_t first = num_entries_.load(std::memory_order_relaxed);
+  if (segment.first() != first || segment.num_entries() != ids.size()) {
+    return absl::InvalidArgumentError("place index: a segment does not follow the one before");
+  }
+  if (ids.size() > kMaxEntries - first) return absl::ResourceExhaustedError("the place index is full");
+  for (std::uint32_t i = 0; i < ids.size(); ++i) SetId(first + i, ids[i]);
+  Push(std::move(segment));
   return absl::OkStatus();
 }
 

@@ -61,6 +61,10 @@ class InvertedIndex {
   };
   absl::StatusOr<std::uint32_t> AddAll(std::span<const Entry> entries);
 
+  // Entries that were packed before, with these ids. InvalidArgument if the segment is not of so many entries that
+  // begin with the next number; else as AddAll.
+  absl::Status AddSegment(std::span<const std::uint32_t> ids, PostingSegment segment);
+
   std::span<const float> idf() const { return idf_; }
   std::uint32_t num_entries() const { return num_entries_.load(std::memory_order_acquire); }
 
@@ -100,6 +104,7 @@ class InvertedIndex {
   absl::Status Check(const Entry& entry) const;
   // At most as many as a segment takes.
   absl::Status AddTogether(std::span<const Entry> entries);
+  void Push(PostingSegment segment);
   void SetId(std::uint32_t entry, std::uint32_t id);
   void Append(WordId word, Posting posting);
   std::uint32_t IdOf(std::uint32_t entry) const;

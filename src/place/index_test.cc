@@ -176,6 +176,63 @@ TEST(InvertedIndex, AddsMoreThanASegmentTakes) {
   }
 }
 
+// Segments that were packed give the answers that they gave, to the bit; half of the entries came in another way.
+TEST(InvertedIndex, AnswersTheSameFromPackedSegments) {
+  Random random(8);
+  const std::vector<float> idf = RandomWeights(700, &random);
+  std::vector<InvertedIndex::Entry> entries = RandomEntries(300, 700, &random);
+  entries[4].words = std::vector<WordId>(2000, entries[4].words[0]);  // more often than a posting can say
+  entries[5].words.clear();
+  std::vector<std::span<const WordId>> words;
+  std::vector<std::uint32_t> ids;
+  for (const InvertedIndex::Entry& entry : entries) {
+    words.emplace_back(entry.words);
+    ids.push_back(entry.id);
+  }
+  const std::span<const std::span<const WordId>> all = words;
+  const std::string first = PostingSegment(0, all.first(150), idf).Pack();
+  const std::string second = PostingSegment(0, all.subspan(150), idf).Pack();
+
+  InvertedIndex whole(idf), packed(idf);
+  ASSERT_TRUE(whole.AddAll(entries).ok());
+  const std::span<const std::uint32_t> all_ids = ids;
+  auto unpacked = PostingSegment::Unpack(0, idf.size(), first);
+  ASSERT_TRUE(unpacked.ok()) << unpacked.status();
+  ASSERT_TRUE(packed.AddSegment(all_ids.first(150), *std::move(unpacked)).ok());
+  EXPECT_EQ(packed.AddSegment(all_ids.first(150), PostingSegment::Unpack(0, idf.size(), first).value()).code(),
+            absl::StatusCode::kInvalidArgument);
+  ASSERT_TRUE(packed.AddSegment(all_ids.subspan(150), PostingSegment::Unpack(150, idf.size(), second).value()).ok());
+  for (int i = 0; i < 10; ++i) {
+    const BowVector query = Weigh(RandomEntries(1, 700, &random)[0].words, idf);
+    EXPECT_EQ(packed.Query(query, Everything()), whole.Query(query, Everything()));
+  }
+}
+
+TEST(PostingSegment, DamagedBytesAreNoSegment) {
+  Random random(9);
+  const std::vector<float> idf = RandomWeights(300, &random);
+  const std::vector<InvertedIndex::Entry> entries = RandomEntries(40, 300, &random);
+  std::vector<std::span<const WordId>> words;
+  for (const InvertedIndex::Entry& entry : entries) words.emplace_back(entry.words);
+  const std::string good = PostingSegment(0, words, idf).Pack();
+  ASSERT_TRUE(PostingSegment::Unpack(0, 300, good).ok());
+  EXPECT_EQ(PostingSegment::Unpack(0, 301, good).status().code(), absl::StatusCode::kDataLoss);
+  for (std::size_t size = 0; size < good.size(); ++size) {
+    EXPECT_EQ(PostingSegment::Unpack(0, 300, good.substr(0, size)).status().code(), absl::StatusCode::kDataLoss);
+  }
+  // Whatever a byte becomes, entries stay in range (which a sanitizer sees).
+  const InvertedIndex index(idf);
+  for (std::size_t i = 0; i < good.size(); ++i) {
+    std::string changed = good;
+    changed[i] = static_cast<char>(random.Below(256));
+    const auto segment = PostingSegment::Unpack(0, 300, changed);
+    if (!segment.ok()) continue;
+    for (WordId word = 0; word < 300; ++word) {
+      segment->ForEach(word, 1.0f, [&](std::uint32_t entry, float) { EXPECT_LT(entry, segment->num_entries()); });
+    }
+  }
+}
+
 TEST(InvertedIndex, TiesGoToTheSmallerId) {
   InvertedIndex index(Ones(4));
   for (const std::uint32_t id : {9u, 3u, 6u}) ASSERT_TRUE(index.Add(id, {{1, 0.5f}, {2, 0.5f}}).ok());

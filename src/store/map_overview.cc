@@ -11,6 +11,7 @@
 #include "store/file_paths.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
+#include "store/ready_pages.h"
 #include "store/sqlite.h"
 #include "store/tables.h"
 
@@ -93,7 +94,7 @@ class OverviewReader {
     CAIRN_RETURN_IF_ERROR(CountKeyframes());
     CAIRN_RETURN_IF_ERROR(Sample());
     CAIRN_RETURN_IF_ERROR(MeasureErrors());
-    CAIRN_RETURN_IF_ERROR(ListParts());
+    CAIRN_RETURN_IF_ERROR(ListParts(reader.map_row()));
     return std::move(overview_);
   }
 
@@ -286,7 +287,35 @@ class OverviewReader {
     return sums.For(overview_.summary.points);
   }
 
-  absl::Status ListParts() {
+  // Of the ready pages; of those of keyframes and points some stand for all.
+  absl::StatusOr<std::int64_t> ReadyBytes(const MapRow& row) {
+    constexpr std::uint32_t kSampled = 64;
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t tables,
+                           database_->QueryInt("SELECT count(*) FROM sqlite_master WHERE name = 'ready_pages'"));
+    if (tables == 0) return 0;
+    CAIRN_ASSIGN_OR_RETURN(std::int64_t bytes,
+                           database_->QueryInt(absl::StrCat(
+                               "SELECT coalesce(sum(length(bytes)), 0) FROM ready_pages WHERE id = 0 OR id >= ",
+                               ReadyRowId(ReadyKind::kPlaces, 0))));
+    CAIRN_ASSIGN_OR_RETURN(Statement page, database_->Prepare("SELECT length(bytes) FROM ready_pages WHERE id = ?"));
+    const std::pair<ReadyKind, std::uint32_t> kinds[] = {
+        {ReadyKind::kKeyframes, row.next_keyframe.value() / kKeyframesPerPage + 1},
+        {ReadyKind::kPoints, row.next_point.value() / kPointsPerPage + 1}};
+    for (const auto& [kind, pages] : kinds) {
+      const std::uint32_t step = (pages + kSampled - 1) / kSampled;
+      std::int64_t sum = 0, looked = 0;
+      for (std::uint32_t number = 0; number < pages; number += step, ++looked) {
+        page.Bind(1, ReadyRowId(kind, number));
+        CAIRN_ASSIGN_OR_RETURN(const bool found, page.Step());
+        if (found) sum += page.Int(0);
+        page.Reset();
+      }
+      bytes += sum * pages / std::max<std::int64_t>(1, looked);
+    }
+    return bytes;
+  }
+
+  absl::Status ListParts(const MapRow& row) {
     MapSummary& summary = overview_.summary;
     CAIRN_ASSIGN_OR_RETURN(const std::int64_t pages, database_->QueryInt("PRAGMA page_count"));
     CAIRN_ASSIGN_OR_RETURN(const std::int64_t page_bytes, database_->QueryInt("PRAGMA page_size"));
@@ -301,6 +330,7 @@ class OverviewReader {
       log_bytes += touched;
     }
     CAIRN_ASSIGN_OR_RETURN(const std::int64_t point_bytes, PointBytes());
+    CAIRN_ASSIGN_OR_RETURN(const std::int64_t ready_bytes, ReadyBytes(row));
     summary.file_bytes = pages * page_bytes;
     overview_.has_vocabulary = summary.vocabulary_bytes > 0;
     // Row and index: two pairs of ids, a count, a checksum.
@@ -314,6 +344,7 @@ class OverviewReader {
                                   {"poses", rows_.For(keyframes)},
                                   {"points", point_bytes},
                                   {"covisibility", summary.covisibility_edges * kCovisibilityBytes},
+                                  {"ready to be queried", ready_bytes},
                                   {"log of changes", log_bytes},
                                   {"free", free_pages * page_bytes}};
     std::int64_t known = 0;

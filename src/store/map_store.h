@@ -11,6 +11,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -33,6 +34,8 @@ struct WriteOptions {
   bool sync_every_commit = true;
   // Note in the log of changes when each was made. Off in deterministic runs.
   bool record_wall_clock = true;
+  // Keep the map ready to be queried (LoadReady): what it takes is written when the map is closed, a tenth of the map.
+  bool ready = true;
 };
 
 struct CreateOptions {
@@ -57,6 +60,23 @@ struct LoadOptions {
   std::optional<std::size_t> feature_budget_bytes = std::nullopt;
   // Is given the words of each keyframe on the way, ascending; an error ends the loading. May be empty.
   std::function<absl::Status(KeyframeId keyframe, const std::vector<std::uint32_t>& words)> words = {};
+};
+
+// A map that need not be loaded to be asked (docs/map-format.md, "Ready pages").
+struct ReadyMap {
+  // Its keyframes and points come from the store when somebody looks at them. Whatever cannot be read then is told to
+  // its feature_cache(): of the fault kBusy if it was written anew since, so that the map is to be loaded again; else
+  // the map must be loaded as a whole.
+  std::shared_ptr<const map::Snapshot> map;
+  // What has happened since that revision; none: nothing.
+  std::optional<map::Delta> since;
+};
+
+struct ReadyOptions {
+  std::size_t feature_budget_bytes = 0;  // as of LoadOptions
+  // Is given the place index, part by part: the keyframes of a place::PostingSegment (none: that have left the map),
+  // and its bytes. After an error the map is not ready.
+  std::function<absl::Status(std::span<const KeyframeId> keyframes, absl::string_view packed)> segment = {};
 };
 
 // Sizes, without loading the map.
@@ -109,6 +129,10 @@ class MapStore {
 
   // The newest revision, with every checksum and every reference checked. kDamaged names the table and row at fault.
   virtual absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot(const LoadOptions& options = {}) = 0;
+
+  // The newest revision at a cost in proportion to what has changed since a writer closed the map. Nothing if it is not
+  // kept ready, if too much has changed since, or if what is kept is damaged: LoadSnapshot() tells.
+  virtual absl::StatusOr<std::optional<ReadyMap>> LoadReady(const ReadyOptions& options) = 0;
 
   // Stores the vocabulary that MapInfo::vocabulary_hash names. FailedPrecondition if another one is stored and
   // keyframes exist.

@@ -151,6 +151,11 @@ absl::StatusOr<std::shared_ptr<const map::Snapshot>> NewSqliteMap::LoadSnapshot(
   return file_->LoadSnapshot(options);
 }
 
+absl::StatusOr<std::optional<ReadyMap>> NewSqliteMap::LoadReady(const ReadyOptions& options) {
+  if (!file_) return std::nullopt;
+  return file_->LoadReady(options);
+}
+
 absl::Status NewSqliteMap::PutVocabulary(absl::string_view bytes) {
   if (file_) return file_->PutVocabulary(bytes);
   options_.vocabulary = std::string(bytes);

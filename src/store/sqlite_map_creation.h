@@ -23,6 +23,7 @@ class NewSqliteMap : public MapStore {
   const std::vector<std::string>& notes() const override { return notes_; }
   absl::Status Commit(const map::Delta& delta) override;
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot(const LoadOptions& options = {}) override;
+  absl::StatusOr<std::optional<ReadyMap>> LoadReady(const ReadyOptions& options) override;
   absl::Status PutVocabulary(absl::string_view bytes) override;
   absl::StatusOr<std::string> LoadVocabulary() override;
   absl::StatusOr<Revision> ReadRevision() override;

@@ -17,6 +17,7 @@
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/migrations.h"
+#include "store/ready_pages.h"
 #include "store/sqlite.h"
 #include "store/sqlite_record.h"
 #include "store/touched_rows.h"
@@ -91,6 +92,7 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenLocked(const
   CAIRN_RETURN_IF_ERROR(PrepareForWriting(database.get(), options));
   std::vector<std::string> notes;
   CAIRN_RETURN_IF_ERROR(UpgradeFormat(database.get(), resolved, &notes));
+  CAIRN_RETURN_IF_ERROR(database->Execute(std::string(kReadyTableSql)));
   CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
   std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));
   store->lock_ = std::move(lock);
@@ -160,6 +162,8 @@ bool SqliteMapStore::HasOwnContent() {
 
 absl::Status SqliteMapStore::CloseWriting() {
   const absl::Status in_place = CheckInPlace();
+  // What follows from the map is not worth an error: readers do without.
+  if (in_place.ok() && options_.ready) RefreshReady().IgnoreError();
   // Deterministic runs leave the same file.
   if (in_place.ok() && !options_.record_wall_clock) writer_->EndLog().IgnoreError();
   writer_.reset();

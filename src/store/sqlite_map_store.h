@@ -37,6 +37,7 @@ class SqliteMapStore : public MapStore {
   const std::vector<std::string>& notes() const override { return notes_; }
   absl::Status Commit(const map::Delta& delta) override;
   absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadSnapshot(const LoadOptions& options = {}) override;
+  absl::StatusOr<std::optional<ReadyMap>> LoadReady(const ReadyOptions& options) override;
   absl::Status PutVocabulary(absl::string_view bytes) override;
   absl::StatusOr<std::string> LoadVocabulary() override;
   absl::StatusOr<Revision> ReadRevision() override;
@@ -75,6 +76,8 @@ class SqliteMapStore : public MapStore {
   absl::Status Rescue(const absl::Status& moved);
   std::string RescuedPath() const;
   absl::Status CloseWriting();
+  // Brings the ready pages to the newest revision, if anything has changed.
+  absl::Status RefreshReady();
   void NoteLeftovers();
   void NoteLogDamage(const std::string& damage);
 

@@ -4,6 +4,7 @@
 
 #include "store/map_open.h"
 #include "store/map_reader.h"
+#include "store/ready_check.h"
 #include "store/sqlite.h"
 #include "store/sqlite_map_store.h"
 
@@ -74,7 +75,13 @@ class Verification {
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
     // Features are checked as they go by; all of them at once would take most of the memory of a large map.
     const auto cache = map::FeatureCache::Create(std::make_unique<NoFeatures>(), /*budget_bytes=*/0);
-    CAIRN_RETURN_IF_ERROR(reader.ReadEntities({cache.get()}));
+    ReadyCheck ready(database_, Sink());
+    CAIRN_RETURN_IF_ERROR(ready.Begin(reader.map_row().revision));
+    const auto words = [&ready](KeyframeId id, const std::vector<std::uint32_t>& of_keyframe) {
+      ready.TakeWords(id, of_keyframe);
+      return absl::OkStatus();
+    };
+    CAIRN_RETURN_IF_ERROR(reader.ReadEntities({cache.get(), words}));
     CAIRN_RETURN_IF_ERROR(reader.CheckVocabulary());
     CAIRN_RETURN_IF_ERROR(reader.CheckChanges());
     if (!findings_.empty()) return absl::OkStatus();
@@ -82,7 +89,8 @@ class Verification {
     if (!findings_.empty()) return absl::OkStatus();
     CAIRN_RETURN_IF_ERROR(snapshot.status());
     const absl::Status consistent = (*snapshot)->CheckConsistency();
-    return consistent.ok() ? consistent : Sink()(Finding{"", 0, std::string(consistent.message())});
+    if (!consistent.ok()) return Sink()(Finding{"", 0, std::string(consistent.message())});
+    return ready.Finish(**snapshot);
   }
 
   Database* database_;

@@ -90,7 +90,28 @@ absl::Status PlaceIndex::Builder::Add(KeyframeId keyframe, const std::vector<pla
   return waiting_.size() < kAddedAtOnce ? absl::OkStatus() : Flush();
 }
 
+absl::Status PlaceIndex::Builder::AddSegment(std::span<const KeyframeId> keyframes, std::string_view packed) {
+  CAIRN_RETURN_IF_ERROR(Flush());
+  std::uint32_t number = shared_->index.num_entries();
+  CAIRN_ASSIGN_OR_RETURN(place::PostingSegment segment,
+                         place::PostingSegment::Unpack(number, shared_->node_of_word.size(), packed));
+  std::vector<std::uint32_t> ids;
+  ids.reserve(keyframes.size());
+  for (const KeyframeId keyframe : keyframes) ids.push_back(keyframe.value());
+  if (segment.num_entries() != ids.size()) return absl::DataLossError("place index: a segment is of other keyframes");
+  CAIRN_RETURN_IF_ERROR(shared_->index.AddSegment(ids, std::move(segment)));
+  for (const KeyframeId keyframe : keyframes) {
+    if (keyframe) {
+      if (entries_.Contains(keyframe)) return absl::DataLossError("place index: a keyframe is there twice");
+      entries_.Set(keyframe, std::make_shared<const std::uint32_t>(number), edit_);
+    }
+    ++number;
+  }
+  return absl::OkStatus();
+}
+
 absl::Status PlaceIndex::Builder::Flush() {
+  if (waiting_.empty()) return absl::OkStatus();
   CAIRN_ASSIGN_OR_RETURN(std::uint32_t number, shared_->index.AddAll(waiting_));
   for (const place::InvertedIndex::Entry& entry : waiting_) {
     entries_.Set(KeyframeId(entry.id), std::make_shared<const std::uint32_t>(number++), edit_);

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "base/status.h"
@@ -37,6 +38,9 @@ class PlaceIndex {
                                           int direct_level = kDefaultDirectLevel);
     // One word per feature.
     absl::Status Add(KeyframeId keyframe, const std::vector<place::WordId>& words);
+    // Those that were packed before (place::PostingSegment), in the order of the entries; none where a keyframe has
+    // left the map since. DataLoss if the bytes are of others, or a keyframe came before.
+    absl::Status AddSegment(std::span<const KeyframeId> keyframes, std::string_view packed);
     // Errors as of After(); FailedPrecondition if these are not the keyframes of the map, or its words are of another
     // vocabulary.
     absl::StatusOr<PlaceIndex> Finish(const map::Snapshot& map) &&;

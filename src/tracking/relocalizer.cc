@@ -107,9 +107,12 @@ class PlaceSearch {
     place::QueryOptions wanted;
     wanted.min_common_share = 0.0;
     wanted.max_results = static_cast<std::size_t>(options_.max_candidate_keyframes);
-    if (area_.only || area_.except || !area_.priors.empty() || !taken.empty()) {
-      wanted.exclude = [&](std::uint32_t id) {
-        return taken.contains(KeyframeId(id)) || !area_.MayShareView(query_.map, query_.map.keyframe(KeyframeId(id)));
+    // Keyframes are looked at only where that is the question: of a large map they come from the file.
+    const bool bounded = area_.only || area_.except || !area_.priors.empty();
+    if (bounded || !taken.empty()) {
+      wanted.exclude = [&, bounded](std::uint32_t id) {
+        const KeyframeId keyframe(id);
+        return taken.contains(keyframe) || (bounded && !area_.MayShareView(query_.map, query_.map.keyframe(keyframe)));
       };
     }
     return query_.places.Query(query_.words.bow, wanted);

@@ -67,8 +67,11 @@ absl::StatusOr<PackReport> RunPack(const PackCommand& command) {
                              return true;
                            }));
   }
+  // What can be made again is no part of a map that is to be small.
+  store::WriteOptions write;
+  write.ready = false;
   CAIRN_RETURN_IF_ERROR(care::WriteNewMap(*report.packed.map, info, loaded.Vocabulary(), command.out, command.overwrite,
-                                          "pack for localization only"));
+                                          "pack for localization only", write));
   CAIRN_ASSIGN_OR_RETURN(report.bytes_before, MapFileBytes(command.map, &report.vocabulary_bytes));
   CAIRN_ASSIGN_OR_RETURN(report.bytes_after, MapFileBytes(command.out, &report.vocabulary_bytes));
   return report;
