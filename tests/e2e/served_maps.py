@@ -1,7 +1,10 @@
 """A cairnd for tests (environment variable CAIRND_BINARY)."""
+import contextlib
 import os
 import signal
+import socket
 import subprocess
+import threading
 import urllib.error
 import urllib.request
 
@@ -34,3 +37,49 @@ class Server:
         self.process.send_signal(sent)
         self.process.communicate(timeout=20)
         return self.process.returncode
+
+
+class Proxy:
+    """Between clients and a server, to cut their connections."""
+
+    def __init__(self, address):
+        self.target = (address.split(':')[0], int(address.split(':')[1]))
+        self.listener = socket.create_server(('127.0.0.1', 0))
+        self.address = f'127.0.0.1:{self.listener.getsockname()[1]}'
+        self.open, self.lock = set(), threading.Lock()
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self):
+        while True:
+            try:
+                client, _ = self.listener.accept()
+                server = socket.create_connection(self.target)
+            except OSError:
+                return
+            with self.lock:
+                self.open |= {client, server}
+            for ends in ((client, server), (server, client)):
+                threading.Thread(target=self.forward, args=ends, daemon=True).start()
+
+    def forward(self, source, sink):
+        try:
+            while data := source.recv(1 << 16):
+                sink.sendall(data)
+        except OSError:
+            pass
+        self.close({source, sink})
+
+    def close(self, sockets):
+        for end in sockets:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+
+    def cut(self):
+        with self.lock:
+            ends, self.open = self.open, set()
+        self.close(ends)
+
+    def stop(self):
+        self.listener.close()
+        self.cut()

@@ -9,7 +9,7 @@ import time
 import unittest
 
 from cairn_cli import BINARY, cairn, must
-from served_maps import Server
+from served_maps import Proxy, Server
 
 
 def times(path):
@@ -148,6 +148,25 @@ class ServedSessions(unittest.TestCase):
         self.assertIn('another map by now', out + err)
         self.assertEqual(self.server.stop(), 0)
         self.assertEqual(must('info', theirs / 'office.cairn', '--digest')['digest'], digest)
+
+    def test_a_connection_that_breaks_while_it_is_finished_costs_nothing(self):
+        proxy = Proxy(self.server.address)
+        self.addCleanup(proxy.stop)
+        frames, out = len(times(self.first / 'groundtruth_cam0.txt')), self.folder / 'finished.txt'
+        client = subprocess.Popen([BINARY, '--server', proxy.address, 'run', self.first, '--map', 'office', '--trajectory', out, '--json'],
+                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        answered = 0
+        while answered < frames and client.poll() is None:
+            sessions = must('--server', self.server.address, 'top')['sessions']
+            answered = sessions[0]['frames'] if sessions else answered
+        proxy.cut()
+        said, err = client.communicate(timeout=60)
+        self.assertEqual(client.returncode, 0, said + err)
+        report = json.loads(said)
+        self.assertEqual((report['result'], report['frames_before_restart']), ('created', 0), err)
+        self.assertEqual(len(times(out)), report['frames_with_final_pose'])
+        self.assertEqual(self.server.stop(), 0)
+        self.assertEqual(len(must('info', self.maps / 'office.cairn')['sessions']), 1, 'it was mapped once')
 
     def localize_until_killed(self, *arguments):
         """A client that locates images, and a server that is gone while it does."""
