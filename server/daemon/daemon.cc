@@ -261,6 +261,7 @@ Daemon::~Daemon() { Stop(std::chrono::milliseconds(0)); }
 
 void Daemon::Stop(std::chrono::milliseconds grace) {
   const auto until = std::chrono::steady_clock::now() + grace;
+  if (maps_ != nullptr) maps_->Hurry();
   if (access_ != nullptr) access_->limits().Stop();
   if (grpc_ != nullptr) grpc_->Stop(grace);
   const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now());

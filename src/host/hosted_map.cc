@@ -34,9 +34,9 @@ class HostedReader final : public client::ViewSource {
 }  // namespace
 
 absl::StatusOr<std::shared_ptr<HostedMap>> HostedMap::Open(const std::string& uri,
-                                                           std::chrono::milliseconds refresh_interval) {
+                                                           std::chrono::milliseconds refresh_interval, Hurry hurry) {
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<client::MapReader> reader, client::MapReader::Open(uri));
-  auto map = std::shared_ptr<HostedMap>(new HostedMap(uri, refresh_interval));
+  auto map = std::shared_ptr<HostedMap>(new HostedMap(uri, refresh_interval, std::move(hurry)));
   map->view_ = reader->view();
   map->reader_ = std::move(reader);
   map->looked_ = std::chrono::steady_clock::now();
@@ -45,16 +45,16 @@ absl::StatusOr<std::shared_ptr<HostedMap>> HostedMap::Open(const std::string& ur
 
 std::shared_ptr<HostedMap> HostedMap::Over(const std::string& uri, std::unique_ptr<engine::LiveMap> live,
                                            std::chrono::milliseconds refresh_interval,
-                                           std::shared_ptr<engine::LiveMap>* shared) {
-  auto map = std::shared_ptr<HostedMap>(new HostedMap(uri, refresh_interval));
+                                           std::shared_ptr<engine::LiveMap>* shared, Hurry hurry) {
+  auto map = std::shared_ptr<HostedMap>(new HostedMap(uri, refresh_interval, std::move(hurry)));
   *shared = map->Adopt(std::move(live));
   return map;
 }
 
 std::shared_ptr<engine::LiveMap> HostedMap::Adopt(std::unique_ptr<engine::LiveMap> live) {
-  const auto close = [map = weak_from_this()](engine::LiveMap* closing) {
+  const auto close = [map = weak_from_this(), hurry = hurry_](engine::LiveMap* closing) {
     const std::unique_ptr<engine::LiveMap> owned(closing);
-    const absl::Status closed = owned->Close();
+    const absl::Status closed = hurry != nullptr && *hurry ? owned->Flush() : owned->Close();
     if (!closed.ok()) spdlog::error("closing a map: {}", std::string(closed.message()));
     const std::shared_ptr<HostedMap> hosted = map.lock();
     if (hosted != nullptr && owned->exists()) hosted->Keep(owned->Published()).IgnoreError();

@@ -3,6 +3,7 @@
 // followed.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <functional>
 #include <memory>
@@ -19,14 +20,19 @@ namespace cairn::host {
 
 class HostedMap : public std::enable_shared_from_this<HostedMap> {
  public:
-  // Loads the newest revision; errors as MapReader::Open. `refresh_interval`: between looks for a newer one.
+  // While it is true maps are closed without what only makes them open faster: the process is to end soon.
+  using Hurry = std::shared_ptr<const std::atomic<bool>>;
+
+  // Loads the newest revision; errors as MapReader::Open. `refresh_interval`: between looks for a newer one. `hurry`
+  // may be null: there never is one.
   static absl::StatusOr<std::shared_ptr<HostedMap>> Open(const std::string& uri,
-                                                         std::chrono::milliseconds refresh_interval);
+                                                         std::chrono::milliseconds refresh_interval,
+                                                         Hurry hurry = nullptr);
   // A map that is made by `live`; it can be read once its first keyframe is durable. The owners of `*shared` are its
   // sessions.
   static std::shared_ptr<HostedMap> Over(const std::string& uri, std::unique_ptr<engine::LiveMap> live,
                                          std::chrono::milliseconds refresh_interval,
-                                         std::shared_ptr<engine::LiveMap>* shared);
+                                         std::shared_ptr<engine::LiveMap>* shared, Hurry hurry = nullptr);
 
   // The newest revision. Waits for nobody but who loads the map: while one thread reads what has changed, others get
   // the view before. The fault kMoved if the map was removed or replaced: open it again. After any other error of the
@@ -47,8 +53,8 @@ class HostedMap : public std::enable_shared_from_this<HostedMap> {
   void WaitForChange(std::chrono::steady_clock::time_point until, std::shared_ptr<engine::Subscription>* news) const;
 
  private:
-  HostedMap(std::string uri, std::chrono::milliseconds refresh_interval)
-      : uri_(std::move(uri)), refresh_interval_(refresh_interval) {}
+  HostedMap(std::string uri, std::chrono::milliseconds refresh_interval, Hurry hurry)
+      : uri_(std::move(uri)), refresh_interval_(refresh_interval), hurry_(std::move(hurry)) {}
   // Closed when the last session lets go of it; what it had published is kept.
   std::shared_ptr<engine::LiveMap> Adopt(std::unique_ptr<engine::LiveMap> live);
   absl::StatusOr<std::unique_ptr<client::MapReader>> OpenReader() const;
@@ -57,6 +63,7 @@ class HostedMap : public std::enable_shared_from_this<HostedMap> {
 
   const std::string uri_;
   const std::chrono::milliseconds refresh_interval_;
+  const Hurry hurry_;
 
   std::mutex reading_;                         // held while the store is opened or read; guards what follows
   std::unique_ptr<client::MapReader> reader_;  // null while it is written here, and until it is read again

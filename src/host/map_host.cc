@@ -138,7 +138,7 @@ absl::StatusOr<std::shared_ptr<HostedMap>> MapHost::Use(const std::string& map) 
   const std::shared_ptr<Slot> slot = SlotOf(map);
   const std::lock_guard lock(slot->mutex);
   if (slot->map == nullptr) {
-    CAIRN_ASSIGN_OR_RETURN(slot->map, HostedMap::Open(*path, RefreshInterval(options_)));
+    CAIRN_ASSIGN_OR_RETURN(slot->map, HostedMap::Open(*path, RefreshInterval(options_), hurry_));
     slot->bytes = 1;
     Measure(map, slot.get());
     MakeRoom(slot.get());
@@ -427,7 +427,7 @@ absl::StatusOr<std::shared_ptr<engine::LiveMap>> MapHost::CreateMap(const api::S
   }
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::LiveMap> created, engine::LiveMap::Create(path, info, vocabulary));
   std::shared_ptr<engine::LiveMap> live;
-  slot->map = HostedMap::Over(path, std::move(created), RefreshInterval(options_), &live);
+  slot->map = HostedMap::Over(path, std::move(created), RefreshInterval(options_), &live, hurry_);
   slot->bytes = 1;
   return live;
 }

@@ -43,8 +43,14 @@ SqliteMapStore::SqliteMapStore(std::string path, std::string resolved, std::uniq
       database_(std::move(database)),
       identity_(std::move(identity)) {}
 
+// Who lets go of it without a word is in a hurry.
 SqliteMapStore::~SqliteMapStore() {
-  if (database_) Close().IgnoreError();
+  if (!database_) return;
+  if (writable()) {
+    CloseWriting(/*ready=*/false).IgnoreError();
+  } else {
+    Close().IgnoreError();
+  }
 }
 
 absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::Create(const std::string& path,
@@ -146,7 +152,7 @@ void SqliteMapStore::NoteLeftovers() {
 
 absl::Status SqliteMapStore::Close() {
   if (!database_) return absl::OkStatus();
-  if (writable()) return Annotated(CloseWriting());
+  if (writable()) return Annotated(CloseWriting(options_.ready));
   const absl::Status closed = database_->Close();
   database_.reset();
   return Annotated(closed);
@@ -160,10 +166,10 @@ bool SqliteMapStore::HasOwnContent() {
   return true;
 }
 
-absl::Status SqliteMapStore::CloseWriting() {
+absl::Status SqliteMapStore::CloseWriting(bool ready) {
   const absl::Status in_place = CheckInPlace();
   // What follows from the map is not worth an error: readers do without.
-  if (in_place.ok() && options_.ready) RefreshReady().IgnoreError();
+  if (in_place.ok() && ready) RefreshReady().IgnoreError();
   // Deterministic runs leave the same file.
   if (in_place.ok() && !options_.record_wall_clock) writer_->EndLog().IgnoreError();
   writer_.reset();

@@ -75,7 +75,8 @@ class SqliteMapStore : public MapStore {
   // What Close() says, and does, if they are not; the log is folded already.
   absl::Status Rescue(const absl::Status& moved);
   std::string RescuedPath() const;
-  absl::Status CloseWriting();
+  // `ready`: what readers are better off with is brought up to date, too, which takes its time.
+  absl::Status CloseWriting(bool ready);
   // Brings the ready pages to the newest revision, if anything has changed.
   absl::Status RefreshReady();
   void NoteLeftovers();
