@@ -17,7 +17,7 @@ CommonFrame CommonFrameOf(const map::Snapshot& map) {
 }
 
 CommonFrame CommonFrameOf(const api::MapDescription& map) {
-  CommonFrame aligned{{}, true}, largest;
+  CommonFrame aligned{{}, true, {}}, largest;
   std::int64_t most = 0;
   for (const api::ComponentInfo& component : map.components) {
     if (component.joined_into || component.keyframes == 0) continue;
