@@ -192,7 +192,7 @@ TEST_F(GrpcServerTest, SaysThatItIsHealthy) {
 // What is under way is answered; who comes later, or after the server has gone, is told so.
 TEST_F(GrpcServerTest, StopsInOrder) {
   client::RemoteOptions remote = server_->Remote();
-  remote.outage_s = 0.5;
+  remote.outage_s = 2.0;
   int waits = 0;
   remote.on_outage = [&](const absl::Status& /*why*/) { ++waits; };
   const auto service = client::RemoteMapService::Connect(remote);

@@ -148,7 +148,12 @@ class ReadyRefresh {
  private:
   absl::StatusOr<ReadyPageWriter> Begin() {
     return ReadyPageWriter::Begin(database_, revision_, [this]() -> absl::Status {
+      // By its row of the map a change is known as this file's (write_ahead_log.h). SQLite leaves out pages whose bytes
+      // are written as they were: the row is changed, and changed back.
       CAIRN_ASSIGN_OR_RETURN(const MapRow row, writer_->ReadMapRow());
+      MapRow other = row;
+      ++other.log_schema_cookie;
+      CAIRN_RETURN_IF_ERROR(writer_->PutMapRow(other));
       return writer_->PutMapRow(row);
     });
   }
