@@ -12,6 +12,27 @@ endif()
 if(CAIRN_FUZZ)
   target_compile_options(cairn_options INTERFACE -fsanitize=fuzzer-no-link)
 endif()
+if(CAIRN_SANITIZE)
+  # Instrumented programs are large, and most of the time of the other linkers.
+  find_program(CAIRN_LLD ld.lld)
+  if(CAIRN_LLD)
+    target_link_options(cairn_options INTERFACE -fuse-ld=lld)
+  endif()
+endif()
+
+# cairn_plain_module(NAME DEPENDS library...): the library that another build of this tree made, for builds with sanitizers that are
+# not about this module (CAIRN_PLAIN_MODULES).
+function(cairn_plain_module name)
+  cmake_parse_arguments(ARG "" "" "DEPENDS" ${ARGN})
+  file(RELATIVE_PATH folder ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
+  set(target cairn_${name})
+  add_library(${target} STATIC IMPORTED GLOBAL)
+  set_target_properties(${target} PROPERTIES IMPORTED_LOCATION ${CAIRN_PLAIN_BUILD}/${folder}/libcairn_${name}.a)
+  add_library(cairn::${name} ALIAS ${target})
+  target_include_directories(${target} INTERFACE ${PROJECT_SOURCE_DIR}/src)
+  target_include_directories(${target} SYSTEM INTERFACE ${OpenCV_INCLUDE_DIRS} ${EIGEN3_INCLUDE_DIRS})
+  target_link_libraries(${target} INTERFACE ${ARG_DEPENDS})
+endfunction()
 
 include(${CMAKE_CURRENT_LIST_DIR}/PrecompiledHeaders.cmake)
 
@@ -20,6 +41,10 @@ include(${CMAKE_CURRENT_LIST_DIR}/PrecompiledHeaders.cmake)
 # Files named *_avx2.cc and *_avx512.cc are compiled for those instruction sets; only they are.
 function(cairn_module name)
   cmake_parse_arguments(ARG "" "" "DEPENDS;PRIVATE_DEPENDS;TEST_DEPENDS" ${ARGN})
+  if(name IN_LIST CAIRN_PLAIN_MODULES)
+    cairn_plain_module(${name} DEPENDS ${ARG_DEPENDS} ${ARG_PRIVATE_DEPENDS})
+    return()
+  endif()
   file(GLOB sources CONFIGURE_DEPENDS *.cc)
   file(GLOB tests CONFIGURE_DEPENDS *_test.cc)
   file(GLOB benchmarks CONFIGURE_DEPENDS *_benchmark.cc)

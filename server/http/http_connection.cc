@@ -4,12 +4,11 @@
 #include <boost/asio/write.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
-#include <boost/beast/ssl.hpp>
 #include <string>
-#include <type_traits>
 
 #include "base/version.h"
 #include "server/http/http_api.h"
+#include "server/http/http_stream.h"
 
 namespace cairn::server {
 namespace {
@@ -19,21 +18,15 @@ namespace beast = boost::beast;
 namespace http = boost::beast::http;
 using boost::system::error_code;
 using tcp = asio::ip::tcp;
-using TlsStream = beast::ssl_stream<beast::tcp_stream>;
 
 absl::Status TooLarge(const char* what, std::int64_t most) {
   return absl::InvalidArgumentError(absl::StrCat("the ", what, " of more than ", most, " bytes"));
 }
 
-template <class Stream>
-class Connection final : public HttpConnection, public std::enable_shared_from_this<Connection<Stream>> {
+class Connection final : public HttpConnection, public std::enable_shared_from_this<Connection> {
  public:
-  static constexpr bool kTls = std::is_same_v<Stream, TlsStream>;
-
-  // `stream`: what a stream is made of.
-  template <class... Arguments>
-  Connection(std::shared_ptr<HttpConnections> shared, std::string peer, Arguments&&... stream)
-      : shared_(std::move(shared)), peer_(std::move(peer)), stream_(std::forward<Arguments>(stream)...) {
+  Connection(std::shared_ptr<HttpConnections> shared, std::string peer, std::unique_ptr<HttpStream> stream)
+      : shared_(std::move(shared)), peer_(std::move(peer)), stream_(std::move(stream)) {
     const std::lock_guard lock(shared_->mutex);
     shared_->connections.insert(this);
   }
@@ -50,28 +43,23 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
   }
 
   void Start() {
-    if constexpr (kTls) {
-      Tcp().expires_after(shared_->options.timeout);
-      stream_.async_handshake(asio::ssl::stream_base::server, [self = this->shared_from_this()](error_code error) {
-        if (error) return self->Close();
-        self->Read();
-      });
-    } else {
-      Read();
-    }
+    Tcp().expires_after(shared_->options.timeout);
+    stream_->Handshake([self = shared_from_this()](error_code error) {
+      if (error) return self->Close();
+      self->Read();
+    });
   }
 
  private:
-  beast::tcp_stream& Tcp() { return beast::get_lowest_layer(stream_); }
+  beast::tcp_stream& Tcp() { return stream_->Tcp(); }
 
   void Read() {
     parser_.emplace();
     parser_->body_limit(static_cast<std::uint64_t>(shared_->options.max_body_bytes));
     parser_->header_limit(static_cast<std::uint32_t>(shared_->options.max_header_bytes));
     Tcp().expires_after(shared_->options.timeout);
-    http::async_read_header(
-        stream_, buffer_, *parser_,
-        [self = this->shared_from_this()](error_code error, std::size_t) { self->OnHeader(error); });
+    http::async_read_header(*stream_, buffer_, *parser_,
+                            [self = shared_from_this()](error_code error, std::size_t) { self->OnHeader(error); });
   }
 
   void OnHeader(error_code error) {
@@ -83,22 +71,22 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     if (parser_->get()[http::field::expect] != "100-continue") return ReadBody();
     // The client asks before it sends the rest.
     go_on_.emplace(http::status::continue_, parser_->get().version());
-    http::async_write(stream_, *go_on_, [self = this->shared_from_this()](error_code write_error, std::size_t) {
+    http::async_write(*stream_, *go_on_, [self = shared_from_this()](error_code write_error, std::size_t) {
       if (write_error) return self->Close();
       self->ReadBody();
     });
   }
 
   void ReadBody() {
-    http::async_read(stream_, buffer_, *parser_,
-                     [self = this->shared_from_this()](error_code error, std::size_t) { self->OnRequest(error); });
+    http::async_read(*stream_, buffer_, *parser_,
+                     [self = shared_from_this()](error_code error, std::size_t) { self->OnRequest(error); });
   }
 
   void OnRequest(error_code error) {
     if (error) return OnFailure(error);
     Tcp().expires_never();
     SetWorking(true);
-    asio::post(shared_->workers, [self = this->shared_from_this()] {
+    asio::post(shared_->workers, [self = shared_from_this()] {
       HttpResponse response = self->Handled();
       asio::post(self->shared_->io, [self, response = std::move(response)]() mutable {
         self->Write(std::move(response), self->parser_->get().keep_alive() && !self->shared_->stopping);
@@ -138,7 +126,7 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
       const std::lock_guard lock(shared_->mutex);
       part_sent_.reset();
     }
-    asio::post(shared_->io, [self = this->shared_from_this(), head = head_.has_value() ? HttpResponse() : head,
+    asio::post(shared_->io, [self = shared_from_this(), head = head_.has_value() ? HttpResponse() : head,
                              text = std::string(part)]() mutable { self->WritePart(head, std::move(text)); });
     std::unique_lock lock(shared_->mutex);
     shared_->idle.wait(lock, [&] { return part_sent_.has_value() || shared_->ended; });
@@ -154,16 +142,15 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     SetHeaders(head, true, &*head_);
     head_->chunked(true);
     head_serializer_.emplace(*head_);
-    http::async_write_header(stream_, *head_serializer_,
-                             [self = this->shared_from_this()](error_code error, std::size_t) {
-                               if (error) return self->NotePart(error);
-                               self->WriteChunk();
-                             });
+    http::async_write_header(*stream_, *head_serializer_, [self = shared_from_this()](error_code error, std::size_t) {
+      if (error) return self->NotePart(error);
+      self->WriteChunk();
+    });
   }
 
   void WriteChunk() {
-    asio::async_write(stream_, http::make_chunk(asio::buffer(part_)),
-                      [self = this->shared_from_this()](error_code error, std::size_t) { self->NotePart(error); });
+    asio::async_write(*stream_, http::make_chunk(asio::buffer(part_)),
+                      [self = shared_from_this()](error_code error, std::size_t) { self->NotePart(error); });
   }
 
   void NotePart(error_code error) {
@@ -178,10 +165,9 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     head_serializer_.reset();
     head_.reset();
     Tcp().expires_after(shared_->options.timeout);
-    asio::async_write(stream_, http::make_chunk_last(),
-                      [self = this->shared_from_this(), keep_alive](error_code error, std::size_t) {
-                        self->OnWritten(error, keep_alive);
-                      });
+    asio::async_write(
+        *stream_, http::make_chunk_last(),
+        [self = shared_from_this(), keep_alive](error_code error, std::size_t) { self->OnWritten(error, keep_alive); });
   }
 
   // What is no HTTP, or too large, is told so; a client that is gone or too slow is not.
@@ -224,7 +210,7 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     answer_->content_length(answer.body.size());
     if (!head) answer_->body() = std::move(answer.body);
     Tcp().expires_after(shared_->options.timeout);
-    http::async_write(stream_, *answer_, [self = this->shared_from_this(), keep_alive](error_code error, std::size_t) {
+    http::async_write(*stream_, *answer_, [self = shared_from_this(), keep_alive](error_code error, std::size_t) {
       self->OnWritten(error, keep_alive);
     });
   }
@@ -238,11 +224,7 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
 
   // The client is told that this was all.
   void End() {
-    if constexpr (kTls) {
-      stream_.async_shutdown([self = this->shared_from_this()](error_code) { self->Close(); });
-    } else {
-      Close();
-    }
+    stream_->Shutdown([self = shared_from_this()](error_code) { self->Close(); });
   }
 
   void SetWorking(bool working) {
@@ -255,7 +237,7 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
 
   const std::shared_ptr<HttpConnections> shared_;
   const std::string peer_;
-  Stream stream_;
+  const std::unique_ptr<HttpStream> stream_;
   beast::flat_buffer buffer_;
   std::optional<http::request_parser<http::string_body>> parser_;
   std::optional<http::response<http::empty_body>> go_on_;
@@ -275,11 +257,9 @@ void ServeConnection(tcp::socket socket, const std::shared_ptr<HttpConnections>&
   const tcp::endpoint peer = socket.remote_endpoint(gone);
   if (gone) return;
   const std::string address = peer.address().to_string();
-  if (shared->tls) {
-    std::make_shared<Connection<TlsStream>>(shared, address, std::move(socket), *shared->tls)->Start();
-  } else {
-    std::make_shared<Connection<beast::tcp_stream>>(shared, address, std::move(socket))->Start();
-  }
+  std::unique_ptr<HttpStream> stream =
+      shared->tls ? TlsStream(std::move(socket), &*shared->tls) : PlainStream(std::move(socket));
+  std::make_shared<Connection>(shared, address, std::move(stream))->Start();
 }
 
 }  // namespace cairn::server
