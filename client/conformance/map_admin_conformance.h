@@ -6,6 +6,7 @@
 
 #include "client/conformance/map_service_conformance.h"
 #include "map/geo_pose.h"
+#include "store/map_store.h"
 
 namespace cairn::conformance {
 
@@ -374,6 +375,22 @@ TEST_P(MapAdminConformance, LocalizesInSeveralMaps) {
   ASSERT_TRUE(some.ok()) << some.status();
   EXPECT_EQ(some->map, "room");
   EXPECT_EQ(some->answers.size(), 2u);
+  // Made once more, it is another map that is as good.
+  map::MapInfo info = TheConformanceMap().snapshot->info();
+  info.id = std::string(32, 'a');
+  map::Delta delta = TheConformanceMap().delta;
+  delta.info.reset();
+  store::CreateOptions options;
+  options.vocabulary = TheConformanceMap().vocabulary;
+  auto again = store::CreateMapStore(directory_ + "/again.cairn", info, options);
+  ASSERT_TRUE(again.ok()) << again.status();
+  ASSERT_TRUE((*again)->Commit(delta).ok());
+  ASSERT_TRUE((*again)->Close().ok());
+  const auto open = service_->LocalizeAcross({"room", "empty", "again"}, Query());
+  ASSERT_TRUE(open.ok()) << open.status();
+  EXPECT_TRUE(open->ambiguous);
+  EXPECT_EQ(open->located(), nullptr);
+  EXPECT_THAT(open->rivals, testing::ElementsAre("again", "room"));
   const auto nowhere = service_->LocalizeAcross({"empty"}, Query());
   ASSERT_TRUE(nowhere.ok()) << nowhere.status();
   EXPECT_EQ(nowhere->located(), nullptr);

@@ -12,6 +12,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_format.h"
+#include "client/remote/server_token.h"
 #include "store/fault.h"
 #include "wire/errors.h"
 
@@ -41,27 +42,27 @@ std::string ServiceConfig(int attempts) {
 // Puts the token into every call, so that no call can forget it.
 class TokenSender final : public grpc::experimental::Interceptor {
  public:
-  explicit TokenSender(const std::string* authorization) : authorization_(*authorization) {}
+  explicit TokenSender(const ServerToken* token) : token_(*token) {}
   void Intercept(grpc::experimental::InterceptorBatchMethods* call) override {
     if (call->QueryInterceptionHookPoint(grpc::experimental::InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
-      call->GetSendInitialMetadata()->insert({"authorization", authorization_});
+      call->GetSendInitialMetadata()->insert({"authorization", absl::StrCat("Bearer ", token_.Text())});
     }
     call->Proceed();
   }
 
  private:
-  const std::string& authorization_;
+  const ServerToken& token_;
 };
 
 class TokenSenders final : public grpc::experimental::ClientInterceptorFactoryInterface {
  public:
-  explicit TokenSenders(const std::string& token) : authorization_(absl::StrCat("Bearer ", token)) {}
+  explicit TokenSenders(std::shared_ptr<const ServerToken> token) : token_(std::move(token)) {}
   grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo* /*call*/) override {
-    return new TokenSender(&authorization_);
+    return new TokenSender(token_.get());
   }
 
  private:
-  const std::string authorization_;
+  const std::shared_ptr<const ServerToken> token_;
 };
 
 // gRPC checks the name of the server, and speaks TLS 1.2 and 1.3 only.
@@ -112,7 +113,10 @@ std::shared_ptr<grpc::Channel> NewChannel(const RemoteOptions& options) {
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 2000);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
   std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> senders;
-  if (!options.token.empty()) senders.push_back(std::make_unique<TokenSenders>(options.token));
+  if (!options.token.empty()) {
+    senders.push_back(std::make_unique<TokenSenders>(
+        options.shown != nullptr ? options.shown : std::make_shared<ServerToken>(options)));
+  }
   return grpc::experimental::CreateCustomChannelWithInterceptors(options.server, CredentialsOf(options), arguments,
                                                                  std::move(senders));
 }

@@ -4,6 +4,7 @@
 
 #include "base/guarded.h"
 #include "base/thread_priority.h"
+#include "client/remote/server_token.h"
 #include "place/default_vocabulary.h"
 #include "store/fault.h"
 #include "wire/convert_map_rows.h"
@@ -144,7 +145,7 @@ void FollowedMap::MoveTo(const map::RegionQuery& region) {
 void FollowedMap::Run() {
   for (int attempt = 0;;) {
     const Clock::time_point before = Clock::now();
-    const absl::Status status = Guarded([&] { return Follow(); });
+    const absl::Status status = Guarded([&] { return WithToken(options_, [&] { return Follow(); }); });
     std::unique_lock lock(mutex_);
     if (std::exchange(moving_, false) && connected_ && !ending_ && !paused_) continue;
     connected_ = false;

@@ -1,9 +1,7 @@
 #include "client/remote/remote_map_service.h"
 
-#include <algorithm>
 #include <utility>
 
-#include "absl/strings/ascii.h"
 #include "base/guarded.h"
 #include "client/local_tracker.h"
 #include "client/query_image.h"
@@ -53,9 +51,7 @@ absl::Status RemoteOptions::Validate() const {
   if (!(long_deadline_s > 0.0)) return absl::InvalidArgumentError("server: long_deadline_s must be positive");
   if (!(outage_s >= 0.0)) return absl::InvalidArgumentError("server: outage_s must not be negative");
   if (attempts < 1 || attempts > 5) return absl::InvalidArgumentError("server: attempts must be 1 to 5");
-  if (!std::ranges::all_of(token, [](unsigned char c) { return absl::ascii_isgraph(c); })) {
-    return absl::InvalidArgumentError("server: a token is one word of ASCII");
-  }
+  CAIRN_RETURN_IF_ERROR(CheckToken(token));
   if (!token.empty() && !tls && !token_in_clear && !wire::IsLoopback(server)) {
     return absl::FailedPreconditionError(
         absl::StrCat("the token is not sent to ", server,
@@ -74,6 +70,7 @@ absl::StatusOr<std::unique_ptr<RemoteMapService>> RemoteMapService::Connect(cons
   return Guarded([&]() -> absl::StatusOr<std::unique_ptr<RemoteMapService>> {
     RemoteOptions resolved = options;
     resolved.server = wire::WithPort(options.server);
+    resolved.shown = std::make_shared<ServerToken>(options);
     return std::unique_ptr<RemoteMapService>(new RemoteMapService(std::make_shared<Stubs>(resolved)));
   });
 }

@@ -17,6 +17,7 @@
 namespace cairn::client {
 
 class FollowedMap;
+class ServerToken;
 
 // Where the frames of a tracker are tracked.
 enum class TrackAt {
@@ -50,10 +51,17 @@ struct RemoteOptions {
   // Sent with every call; empty: none. Without TLS it goes to this machine only, unless `token_in_clear`.
   std::string token;
   bool token_in_clear = false;
-  std::optional<ClientTls> tls;  // none: not encrypted. A Unix socket never is
+  // Where `token` came from, which may have another one by now: asked once the server does not know the one that it was
+  // shown, before the call is given up. By any thread. May be empty.
+  std::function<absl::StatusOr<std::string>()> read_token;
+  std::shared_ptr<ServerToken> shown;  // by all calls over one connection; made with that, not by who sets options
+  std::optional<ClientTls> tls;        // none: not encrypted. A Unix socket never is
 
   absl::Status Validate() const;
 };
+
+// InvalidArgument for what is no token; empty: none.
+absl::Status CheckToken(const std::string& token);
 
 class RemoteMapService : public api::MapService {
  public:

@@ -6,6 +6,7 @@
 
 #include "base/guarded.h"
 #include "client/query_image.h"
+#include "client/remote/server_token.h"
 #include "wire/convert.h"
 #include "wire/convert_sessions.h"
 
@@ -66,7 +67,12 @@ absl::Status RemoteSession::Exchange(const v1::RunSessionRequest& request, v1::R
 }
 
 absl::Status RemoteSession::Open(const v1::StartSession& start) {
+  return WithToken(options_, [&] { return Connect(start); });
+}
+
+absl::Status RemoteSession::Connect(const v1::StartSession& start) {
   Drop();
+  if (options_.shown != nullptr) shown_ = options_.shown->Text();
   context_ = std::make_unique<grpc::ClientContext>();
   stream_ = stub_->RunSession(context_.get());
   v1::RunSessionRequest request;
@@ -125,7 +131,8 @@ absl::Status RemoteSession::BeginAnew() {
 absl::Status RemoteSession::Persist(const std::function<absl::Status()>& attempt) {
   Outage outage(options_, channel_.get());
   absl::Status status = attempt();
-  while (IsOutage(status) && outage.Wait(status)) {
+  const auto renewed = [&] { return options_.shown != nullptr && options_.shown->Renewed(status, shown_); };
+  while ((IsOutage(status) && outage.Wait(status)) || renewed()) {
     status = Reconnect();
     if (status.ok()) status = attempt();
   }

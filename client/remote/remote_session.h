@@ -47,6 +47,7 @@ class RemoteSession final : public api::MapSession {
   // One message there, one back. An error ends the stream, and is the server's or the connection's.
   absl::Status Exchange(const v1::RunSessionRequest& request, v1::RunSessionResponse* response);
   absl::Status Open(const v1::StartSession& start);
+  absl::Status Connect(const v1::StartSession& start);
   void Drop();
   // After a broken connection: the session, or another one that goes on where it was durable.
   absl::Status Reconnect();
@@ -60,6 +61,7 @@ class RemoteSession final : public api::MapSession {
   const std::unique_ptr<v1::Sessions::Stub> stub_;
   std::unique_ptr<grpc::ClientContext> context_;
   std::unique_ptr<Stream> stream_;  // null: there is no connection
+  std::string shown_;               // the token that began it
 
   api::SessionRequest request_;
   std::string token_;

@@ -5,6 +5,7 @@
 
 #include "base/guarded.h"
 #include "client/query_image.h"
+#include "client/remote/server_token.h"
 #include "wire/convert.h"
 #include "wire/convert_tracks.h"
 
@@ -28,7 +29,7 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> ServedTracker::Start(const RemoteO
                                                                    std::shared_ptr<grpc::Channel> channel,
                                                                    const std::string& map, const Camera& camera) {
   auto tracker = std::unique_ptr<ServedTracker>(new ServedTracker(options, std::move(channel), map, camera));
-  CAIRN_RETURN_IF_ERROR(tracker->Connect());
+  CAIRN_RETURN_IF_ERROR(WithToken(options, [&] { return tracker->Connect(); }));
   return tracker;
 }
 
@@ -63,8 +64,9 @@ absl::StatusOr<api::TrackAnswer> ServedTracker::Track(const api::TrackFrame& fra
       return Exchange(request, &response);
     };
     Outage outage(options_, channel_.get());
-    absl::Status status = attempt();
-    while (IsOutage(status) && outage.Wait(status)) status = attempt();
+    const auto with_token = [&] { return WithToken(options_, attempt); };
+    absl::Status status = with_token();
+    while (IsOutage(status) && outage.Wait(status)) status = with_token();
     CAIRN_RETURN_IF_ERROR(status);
     CAIRN_ASSIGN_OR_RETURN(api::TrackAnswer answer, wire::FromProto(response.answer()));
     answer.track_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();

@@ -19,6 +19,7 @@
 #include "client/remote/feature_sender.h"
 #include "client/remote/followed_map.h"
 #include "client/remote/remote_map_service.h"
+#include "client/remote/server_token.h"
 
 namespace cairn::client {
 
@@ -62,9 +63,11 @@ struct RemoteMapService::Stubs {
   template <class Function>
   absl::Status CallWithin(double deadline_s, Function&& call) const {
     return Guarded([&] {
-      grpc::ClientContext context;
-      SetDeadline(deadline_s, &context);
-      return FromGrpc(call(&context), options);
+      return WithToken(options, [&] {
+        grpc::ClientContext context;
+        SetDeadline(deadline_s, &context);
+        return FromGrpc(call(&context), options);
+      });
     });
   }
 

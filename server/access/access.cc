@@ -109,6 +109,20 @@ void Access::Audit(const std::string& line) {
   if (!Write(audit_.get(), line)) ++lost_audit_lines_;
 }
 
+void Access::Hold(const std::string& map, SessionId session, const Client& client) {
+  const std::lock_guard lock(held_mutex_);
+  held_[{map, session}] = client;
+}
+
+std::optional<Client> Access::LetGo(const std::string& map, SessionId session) {
+  const std::lock_guard lock(held_mutex_);
+  const auto found = held_.find({map, session});
+  if (found == held_.end()) return std::nullopt;
+  std::optional<Client> client = std::move(found->second);
+  held_.erase(found);
+  return client;
+}
+
 void Access::RecordUnknown(const Caller& caller, const std::string& request_id, const absl::Status& refused) {
   if (audit_ == nullptr) return;
   constexpr std::chrono::seconds kPause(1);

@@ -4,11 +4,14 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 
+#include "base/ids.h"
 #include "base/status.h"
 #include "server/access/client.h"
 #include "server/access/client_limits.h"
@@ -56,6 +59,11 @@ class Access {
   // Somebody who could not say who they are: a line in the audit log, one a second at most, with how many there were
   // since the one before, so that knocking does not fill a disk.
   void RecordUnknown(const Caller& caller, const std::string& request_id, const absl::Status& refused);
+  // Whose session it is, until it has ended: for what becomes of it when nobody asks. A client that comes back to one
+  // has it then.
+  void Hold(const std::string& map, SessionId session, const Client& client);
+  // No more, and whose it was; none: nobody has said.
+  std::optional<Client> LetGo(const std::string& map, SessionId session);
   // Lines of the audit log that could not be written: what they were of has happened all the same.
   std::int64_t lost_audit_lines() const { return lost_audit_lines_; }
   // One line in the log of requests.
@@ -71,8 +79,10 @@ class Access {
   std::unique_ptr<JsonLog> requests_;
   ClientLimits limits_;
   std::atomic<std::int64_t> lost_audit_lines_ = 0;
-  std::mutex unknown_mutex_;  // guards what follows
-  std::int64_t unknown_ = 0;  // since the last line
+  std::mutex held_mutex_;
+  std::map<std::pair<std::string, SessionId>, Client> held_;  // with held_mutex_
+  std::mutex unknown_mutex_;                                  // guards what follows
+  std::int64_t unknown_ = 0;                                  // since the last line
   std::optional<std::chrono::steady_clock::time_point> unknown_written_;
 };
 

@@ -266,6 +266,18 @@ TEST_F(AccessTest, ChangesAreWrittenDownWithWhoMadeThemAndSoAreAttempts) {
   EXPECT_EQ(lines[2]["outcome"], "permission_denied");
 }
 
+// By which the server names them when it has waited for them in vain.
+TEST_F(AccessTest, WhoseSessionItIsIsKnownUntilItHasEnded) {
+  { const auto left = *As(robot_).StartSession(Request("office")); }
+  const std::optional<Client> held = access_->LetGo("office", SessionId());
+  ASSERT_TRUE(held.has_value());
+  EXPECT_EQ(held->token_name, "robot");
+  EXPECT_EQ(held->peer, "192.0.2.7");
+  EXPECT_FALSE(access_->LetGo("office", SessionId()).has_value());
+  EXPECT_TRUE((*As(robot_).StartSession(Request("office")))->Finish().ok());
+  EXPECT_FALSE(access_->LetGo("office", SessionId()).has_value());
+}
+
 TEST_F(AccessTest, ASessionThatCouldNotGoOnIsNoneThatItsClientLeft) {
   { const auto left = *As(robot_).StartSession(Request("office")); }
   {

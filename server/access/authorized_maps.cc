@@ -47,10 +47,13 @@ std::string SessionDetails(const api::MapSession& session) {
 class AuthorizedSession final : public api::MapSession {
  public:
   AuthorizedSession(std::unique_ptr<api::MapSession> session, Access* access, Client client)
-      : session_(std::move(session)), access_(*access), client_(std::move(client)) {}
+      : session_(std::move(session)), access_(*access), client_(std::move(client)) {
+    access_.Hold(map(), progress().session, client_);
+  }
   // A client that goes without a word leaves a line, too: the session waits for it, or is cut off with the server. So
   // does a session that could not go on.
   ~AuthorizedSession() override {
+    if (finished_ || broken_) access_.LetGo(map(), progress().session);
     if (finished_) return;
     access_.Record(client_, {ended_.ok() ? "session_left" : "session_failed", map(), SessionDetails(*session_)},
                    ended_);
@@ -66,7 +69,9 @@ class AuthorizedSession final : public api::MapSession {
   absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame) override {
     const auto add = [&]() -> absl::StatusOr<api::SessionAnswer> {
       CAIRN_RETURN_IF_ERROR(access_.Require(client_, Right::kExtend, map()));
-      return session_->AddFrame(frame);
+      absl::StatusOr<api::SessionAnswer> added = session_->AddFrame(frame);
+      broken_ = !added.ok() && !absl::IsInvalidArgument(added.status());
+      return added;
     };
     absl::StatusOr<api::SessionAnswer> answer = add();
     if (!answer.ok() && !absl::IsInvalidArgument(answer.status())) ended_ = answer.status();
@@ -92,7 +97,8 @@ class AuthorizedSession final : public api::MapSession {
   Access& access_;
   const Client client_;
   bool finished_ = false;
-  absl::Status ended_;  // why no frame is taken any more: the map, or the rights of the client
+  bool broken_ = false;  // it has ended by itself: nobody can come back to it
+  absl::Status ended_;   // why no frame is taken any more: the map, or the rights of the client
 };
 
 }  // namespace

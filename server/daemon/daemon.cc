@@ -13,7 +13,6 @@
 #include <thread>
 #include <utility>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
@@ -89,12 +88,10 @@ absl::Status CheckLog(const std::string& path) {
 }
 
 void RecordAbandoned(const host::SessionTable::Abandoned& session, Access* access) {
-  Client client;
-  client.peer = "server";  // nobody asked for it
   const api::SessionProgress& progress = session.session.progress;
-  const std::string details =
-      absl::StrFormat(R"({"session":%d,"frames":%d,"revision":%d,"client":"%s"})", progress.session.value(),
-                      session.session.frames, progress.revision, absl::CEscape(session.client));
+  const Client client = access->LetGo(session.session.map, progress.session).value_or(Client{.peer = "server"});
+  const std::string details = absl::StrFormat(R"({"session":%d,"frames":%d,"revision":%d})", progress.session.value(),
+                                              session.session.frames, progress.revision);
   access->Record(client, {"session_abandoned", session.session.map, details}, session.finished);
 }
 
@@ -231,6 +228,7 @@ absl::Status Daemon::Listen(const DaemonOptions& options) {
       std::make_unique<Metrics>([maps = maps_.get(), access = access_.get()] { return StateOf(*maps, *access); });
   CallContext context{maps_.get(), options.images, metrics_.get(), access_.get()};
   context.status = metrics_.get();
+  context.maps_folder = &maps_->directory();
   CAIRN_ASSIGN_OR_RETURN(const std::optional<ServerTls> tls, TlsOf(options.tls));
   if (!options.no_http) {
     const HttpHooks hooks{[this]() -> absl::Status {

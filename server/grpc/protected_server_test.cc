@@ -204,6 +204,39 @@ TEST_F(ProtectedServer, ARevokedTokenEndsItsStreamsWithTheNextFrame) {
   EXPECT_EQ((*resumed)->last_answer()->time_ns, 1);
 }
 
+// Whoever rotates tokens replaces the file of a client that runs.
+TEST_F(ProtectedServer, ATokenThatIsNotKnownAnyMoreIsReadAgain) {
+  Start();
+  RemoteOptions options = Remote(robot_);
+  std::string in_file = robot_;
+  int reads = 0;
+  options.read_token = [&]() -> absl::StatusOr<std::string> {
+    ++reads;
+    return in_file;
+  };
+  options.track_at = client::TrackAt::kServer;
+  const auto service = *RemoteMapService::Connect(options);
+  const auto session = *service->StartSession(Session("new"));
+  EXPECT_TRUE(session->AddFrame(Frame(1)).ok());
+  const auto tracker = *service->NewTracker("room", Session("").camera);
+  EXPECT_TRUE(tracker->Track({Frame(1).image, 1}).ok());
+  EXPECT_EQ(reads, 0);
+  in_file = NewToken("robot_2", Right::kExtend);
+  ASSERT_TRUE(RevokeToken(access_.tokens, "robot").ok());
+  // Sooner or later the server notices that the client, whose stream it has ended, is gone.
+  const auto answer = session->AddFrame(Frame(2));
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  EXPECT_EQ(answer->time_ns, 2);
+  EXPECT_EQ(reads, 1);
+  EXPECT_TRUE(tracker->Track({Frame(2).image, 2}).ok());
+  EXPECT_TRUE(service->Describe("room").ok());
+  EXPECT_EQ(reads, 1) << "all calls show the new one";
+  in_file = "none";
+  ASSERT_TRUE(RevokeToken(access_.tokens, "robot_2").ok());
+  EXPECT_TRUE(absl::IsUnauthenticated(service->Describe("room").status()));
+  EXPECT_EQ(reads, 2) << "once, and then it is given up";
+}
+
 TEST_F(ProtectedServer, RefusesWhatIsTooMuchAndSaysWhenToTryAgain) {
   access_.limits.requests_per_s = 1.0;
   Start();

@@ -25,8 +25,9 @@ class TestingServer {
     CAIRN_ASSIGN_OR_RETURN(server->host, host::MapHost::Open(options));
     grpc.address = absl::StrCat("127.0.0.1:", port);
     CAIRN_ASSIGN_OR_RETURN(server->access, Access::Open(access));
-    CAIRN_ASSIGN_OR_RETURN(server->grpc,
-                           GrpcServer::Start(grpc, {server->host.get(), {}, nullptr, server->access.get()}));
+    CallContext context{server->host.get(), {}, nullptr, server->access.get()};
+    context.maps_folder = &server->host->directory();
+    CAIRN_ASSIGN_OR_RETURN(server->grpc, GrpcServer::Start(grpc, context));
     return server;
   }
 

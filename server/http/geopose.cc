@@ -183,8 +183,12 @@ absl::StatusOr<Placed> Judge(const api::AcrossAnswer& across, const std::vector<
   }
   if (!across.ambiguous) return *placed;
   for (const api::AnswerOfMap& other : across.answers) {
+    if (std::ranges::find(across.rivals, other.map) == across.rivals.end()) continue;
+    if (!other.answer.localized) {
+      return absl::NotFoundError(absl::StrCat("geopose: the image fits several places of map ", other.map));
+    }
     const std::optional<Placed> elsewhere = PlacedBy(other, maps);
-    if (elsewhere && api::AreRivals(best.answer, other.answer) && !Agree(*placed, *elsewhere)) {
+    if (elsewhere && !Agree(*placed, *elsewhere)) {
       return absl::NotFoundError(absl::StrCat("geopose: the image fits the maps ", best.map, " and ", other.map,
                                               " about as well, at different places"));
     }

@@ -140,7 +140,7 @@ HttpResponse LocalizeInMapsOver(const Call& call) {
 }
 
 HttpResponse Ready(const Call& call) {
-  const absl::Status ready = call.hooks.ready();
+  const absl::Status ready = Told(call.server, call.hooks.ready());
   return ready.ok() ? Text(200, "ok\n")
                     : ErrorResponse(absl::UnavailableError(ready.message()), call.caller.request_id);
 }
@@ -269,6 +269,12 @@ constexpr std::array<Route, kAnswers.size()> kRoutes = [] {
   return routes;
 }();
 
+// Bodies that are packed would be looked at before anybody knows how large they are.
+bool IsPlain(const HttpRequest& request) {
+  const absl::string_view encoding = absl::StripAsciiWhitespace(request.content_encoding);
+  return encoding.empty() || absl::EqualsIgnoreCase(encoding, "identity");
+}
+
 // Those by which the path is answered.
 std::string MethodsOf(absl::string_view path) {
   std::vector<absl::string_view> methods;
@@ -319,6 +325,7 @@ HttpResponse HttpApi::Handle(const HttpRequest& request) const {
 }
 
 std::optional<HttpResponse> HttpApi::Refusal(const HttpRequest& request) const {
+  if (!IsPlain(request)) return Handle(request);
   // Whatever has no body is refused where it is answered.
   if (context_.access == nullptr || request.method != "POST") return std::nullopt;
   Caller caller = CallerOf(request);
@@ -326,8 +333,24 @@ std::optional<HttpResponse> HttpApi::Refusal(const HttpRequest& request) const {
   return Handle(request);
 }
 
+HttpResponse HttpApi::Refused(const Caller& caller, const absl::Status& why, int http_status) const {
+  Note(context_, {.peer = caller.peer, .request_id = caller.request_id}, kUnknownCall, {why, caller.request_id}, 0.0,
+       caller.bytes);
+  HttpResponse response = ErrorResponse(why, caller.request_id);
+  response.status = http_status;
+  return response;
+}
+
 HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) const {
-  const std::string& id = caller.request_id;
+  if (!IsPlain(request)) {
+    HttpResponse response = Refused(caller,
+                                    absl::InvalidArgumentError(absl::StrCat(
+                                        "the body has Content-Encoding: ", request.content_encoding.substr(0, 40),
+                                        ", and is taken as it is only: send it without (identity)")),
+                                    415);
+    response.headers.emplace_back("Accept-Encoding", "identity");
+    return response;
+  }
   Call call{context_, hooks_, request, caller, cors_, exporting_, ""};
   for (const RouteAnswer& answer : kAnswers) {
     if (!Matches(answer.route.path, request.path, &call.map)) continue;
@@ -336,15 +359,11 @@ HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) c
     }
   }
   const std::string allowed = MethodsOf(request.path);
-  const absl::Status refused = allowed.empty()
-                                   ? absl::NotFoundError("there is nothing here: /openapi.json says what there is")
-                                   : absl::InvalidArgumentError(absl::StrCat("this takes ", allowed));
-  Note(context_, {.peer = caller.peer, .request_id = id}, kUnknownCall, {refused, id}, 0.0, caller.bytes);
-  HttpResponse response = ErrorResponse(refused, id);
-  if (!allowed.empty()) {
-    response.status = 405;
-    response.headers.emplace_back("Allow", allowed);
+  if (allowed.empty()) {
+    return Refused(caller, absl::NotFoundError("there is nothing here: /openapi.json says what there is"), 404);
   }
+  HttpResponse response = Refused(caller, absl::InvalidArgumentError(absl::StrCat("this takes ", allowed)), 405);
+  response.headers.emplace_back("Allow", allowed);
   return response;
 }
 

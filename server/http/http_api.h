@@ -29,7 +29,8 @@ class HttpApi {
   // Any thread. Nothing is thrown.
   HttpResponse Handle(const HttpRequest& request) const;
 
-  // The answer to a request without a token that is known, before its body is read; none: go on. Any thread.
+  // The answer to a request without a token that is known, or with a body that is encoded, before that is read; none:
+  // go on. Any thread.
   std::optional<HttpResponse> Refusal(const HttpRequest& request) const;
 
   // Writes down what never became a request of its own (HttpServerOptions::on_refused).
@@ -46,6 +47,8 @@ class HttpApi {
 
  private:
   HttpResponse Answer(const HttpRequest& request, const Caller& caller) const;
+  // What no handler gets to see, with a line in the log.
+  HttpResponse Refused(const Caller& caller, const absl::Status& why, int http_status) const;
 
   const CallContext context_;
   const HttpHooks hooks_;

@@ -9,6 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "base/files.h"
@@ -245,6 +247,52 @@ TEST_F(HttpApiTest, PagesOfOtherOriginsMayAskIfTheyAreNamed) {
   UseTokens({"room", "a", "b"});
   request.origin = "https://maps.example.org";
   EXPECT_EQ(api_->Handle(request).status, 405) << "none are allowed unless it is said";
+}
+
+// Of every route: what a page may not send it could never ask for.
+TEST_F(HttpApiTest, LeaveIsGivenForEveryMethodThatIsAnswered) {
+  UseTokens({"room"}, {{"https://maps.example.org"}});
+  for (const HttpApi::Route& route : HttpApi::Routes()) {
+    HttpRequest request{"OPTIONS", absl::StrReplaceAll(route.path, {{"{map}", "room"}}), "", ""};
+    request.origin = "https://maps.example.org";
+    const HttpResponse leave = api_->Handle(request);
+    EXPECT_EQ(leave.status, 200) << route.path;
+    const std::vector<std::string> methods = absl::StrSplit(Header(leave, "Access-Control-Allow-Methods"), ", ");
+    EXPECT_THAT(methods, testing::Contains(std::string(route.method))) << route.path;
+  }
+  HttpRequest of_a_map{"OPTIONS", "/v1/maps/room", "", ""};
+  of_a_map.origin = "https://maps.example.org";
+  EXPECT_EQ(Header(api_->Handle(of_a_map), "Access-Control-Allow-Methods"), "GET, DELETE");
+}
+
+TEST_F(HttpApiTest, BodiesThatAreEncodedAreRefusedBeforeTheyAreRead) {
+  HttpRequest request{"POST", "/v1/maps", "application/json", "\x1f\x8b packed"};
+  for (const char* encoding : {"gzip", "deflate", "br", "gzip, identity"}) {
+    request.content_encoding = encoding;
+    const HttpResponse response = api_->Handle(request);
+    EXPECT_EQ(response.status, 415) << encoding;
+    EXPECT_EQ(Header(response, "Accept-Encoding"), "identity");
+    EXPECT_THAT(response.body, testing::AllOf(HasSubstr(encoding), HasSubstr("identity")));
+    const auto refusal = api_->Refusal(request);
+    ASSERT_TRUE(refusal.has_value());
+    EXPECT_EQ(refusal->status, 415);
+  }
+  request.body = R"({"map": "made"})";
+  for (const char* plain : {"", "identity", " Identity "}) {
+    request.content_encoding = plain;
+    EXPECT_FALSE(api_->Refusal(request).has_value());
+    EXPECT_NE(api_->Handle(request).status, 415) << plain;
+  }
+}
+
+TEST_F(HttpApiTest, ErrorsDoNotSayWhereTheMapsAre) {
+  CallContext context{host_.get(), {}};
+  context.maps_folder = &host_->directory();
+  api_ = std::make_unique<HttpApi>(context, HttpHooks{[this] { return ready_; }, [] { return std::string(); }});
+  ready_ = absl::UnavailableError(host_->directory() + "/tokens.json: gone from " + host_->directory());
+  const HttpResponse response = Get("/readyz");
+  EXPECT_EQ(response.status, 503);
+  EXPECT_THAT(response.body, HasSubstr("tokens.json: gone from the folder of the maps"));
 }
 
 TEST(Cors, OriginsThatAreNone) {

@@ -1,6 +1,7 @@
 #include "server/http/http_connection.h"
 
 #include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/write.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
@@ -57,22 +58,49 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     parser_.emplace();
     parser_->body_limit(static_cast<std::uint64_t>(shared_->options.max_body_bytes));
     parser_->header_limit(static_cast<std::uint32_t>(shared_->options.max_header_bytes));
-    Tcp().expires_after(shared_->options.timeout);
+    Tcp().expires_never();
+    AwaitRequest();
     http::async_read_header(*stream_, buffer_, *parser_,
                             [self = shared_from_this()](error_code error, std::size_t) { self->OnHeader(error); });
+  }
+
+  // The stream's own timeout would close it, and who is too slow is to be told so.
+  void AwaitRequest() {
+    late_ = false;
+    arriving_ = true;
+    EndReadingAfter(shared_->options.timeout);
+  }
+  void EndReadingAfter(std::chrono::milliseconds time) {
+    arrival_.expires_after(time);
+    arrival_.async_wait([weak = weak_from_this()](error_code error) {
+      const auto self = weak.lock();
+      if (error || self == nullptr || !self->arriving_) return;
+      self->late_ = true;
+      self->Tcp().cancel();
+      // Between two reads there was nothing to be ended.
+      constexpr std::chrono::milliseconds kAgain(100);
+      self->EndReadingAfter(kAgain);
+    });
+  }
+  void EndArrival() {
+    arriving_ = false;
+    arrival_.cancel();
   }
 
   void OnHeader(error_code error) {
     if (error) return OnFailure(error);
     if (shared_->options.gate) {
       std::optional<HttpResponse> refusal = shared_->options.gate(Received());
-      if (refusal) return Write(*std::move(refusal), false);
+      if (refusal) {
+        EndArrival();
+        return Write(*std::move(refusal), false);
+      }
     }
     if (parser_->get()[http::field::expect] != "100-continue") return ReadBody();
     // The client asks before it sends the rest.
     go_on_.emplace(http::status::continue_, parser_->get().version());
     http::async_write(*stream_, *go_on_, [self = shared_from_this()](error_code write_error, std::size_t) {
-      if (write_error) return self->Close();
+      if (write_error) return self->OnFailure(write_error);
       self->ReadBody();
     });
   }
@@ -84,7 +112,7 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
 
   void OnRequest(error_code error) {
     if (error) return OnFailure(error);
-    Tcp().expires_never();
+    EndArrival();
     SetWorking(true);
     asio::post(shared_->workers, [self = shared_from_this()] {
       HttpResponse response = self->Handled();
@@ -108,6 +136,7 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
     request.authorization = std::string(received[http::field::authorization]);
     request.request_id = std::string(received["X-Request-Id"]);
     request.origin = std::string(received[http::field::origin]);
+    request.content_encoding = std::string(received[http::field::content_encoding]);
     return request;
   }
 
@@ -170,8 +199,16 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
         [self = shared_from_this(), keep_alive](error_code error, std::size_t) { self->OnWritten(error, keep_alive); });
   }
 
-  // What is no HTTP, or too large, is told so; a client that is gone or too slow is not.
+  // What is no HTTP, too large or too slow is told so; a client that is gone is not, nor one that has only kept its
+  // connection for a request that it did not begin.
   void OnFailure(error_code error) {
+    EndArrival();
+    if (late_ && error == asio::error::operation_aborted) {
+      if (!parser_->got_some() && buffer_.size() == 0) return Close();
+      return Refuse(absl::DeadlineExceededError(
+                        absl::StrCat("the request did not arrive within ", shared_->options.timeout.count(), " s")),
+                    408);
+    }
     if (error == http::error::header_limit) {
       return Refuse(TooLarge("request has headers", shared_->options.max_header_bytes), 431);
     }
@@ -238,6 +275,9 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
   const std::shared_ptr<HttpConnections> shared_;
   const std::string peer_;
   const std::unique_ptr<HttpStream> stream_;
+  asio::steady_timer arrival_{stream_->get_executor()};  // of a request, all of it
+  bool arriving_ = false;
+  bool late_ = false;
   beast::flat_buffer buffer_;
   std::optional<http::request_parser<http::string_body>> parser_;
   std::optional<http::response<http::empty_body>> go_on_;

@@ -25,7 +25,7 @@ struct HttpServerOptions {
   // Looks at a request before its body is read: an answer refuses it, and ends the connection. Must be quick and not
   // throw. None: all pass.
   std::function<std::optional<HttpResponse>(const HttpRequest& without_body)> gate;
-  // Told of what never got as far as the handler: what is no HTTP, or is too large. Must be quick and not throw.
+  // Told of what never got as far as the handler: what is no HTTP, too large or too slow. Must be quick and not throw.
   std::function<void(const std::string& peer, const absl::Status& refused)> on_refused;
 };
 

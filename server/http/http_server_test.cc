@@ -9,6 +9,7 @@
 #include <boost/asio/ssl.hpp>
 #include <boost/asio/write.hpp>
 #include <future>
+#include <mutex>
 #include <thread>
 #include <vector>
 
@@ -65,6 +66,33 @@ class Client {
  private:
   asio::io_context io_;
   tcp::socket socket_;
+};
+
+// A client that speaks TLS, and trusts `ca`.
+class TlsClient {
+ public:
+  TlsClient(int port, const std::string& ca_pem, int max_version = 0) : stream_(io_, context_) {
+    context_.add_certificate_authority(asio::buffer(ca_pem));
+    stream_.set_verify_mode(asio::ssl::verify_peer);
+    stream_.set_verify_callback(asio::ssl::host_name_verification("localhost"));
+    if (max_version != 0) SSL_set_max_proto_version(stream_.native_handle(), max_version);
+    stream_.next_layer().connect({asio::ip::make_address("127.0.0.1"), static_cast<std::uint16_t>(port)});
+    stream_.handshake(asio::ssl::stream_base::client, handshake_);
+  }
+  const boost::system::error_code& handshake() const { return handshake_; }
+  std::string Ask(const std::string& request) {
+    boost::system::error_code error;
+    asio::write(stream_, asio::buffer(request), error);
+    std::string bytes;
+    asio::read(stream_, asio::dynamic_buffer(bytes), error);
+    return bytes;
+  }
+
+ private:
+  asio::io_context io_;
+  asio::ssl::context context_{asio::ssl::context::tls_client};
+  asio::ssl::stream<tcp::socket> stream_;
+  boost::system::error_code handshake_;
 };
 
 TEST(HttpServer, AnswersAndKeepsTheConnection) {
@@ -187,35 +215,58 @@ TEST(HttpServer, ConnectionsAreCountedAndSlowOnesClosed) {
   EXPECT_THAT(other.ReadUntil("GET /b "), HasSubstr("200 OK"));
   Client third(server->port());
   EXPECT_EQ(third.ReadAll(), "") << "closed at once";
-  EXPECT_EQ(slow.ReadAll(), "") << "closed when its time is over";
+  EXPECT_THAT(slow.ReadAll(), StartsWith("HTTP/1.1 408")) << "closed when its time is over";
 }
 
-// A client that speaks TLS, and trusts `ca`.
-class TlsClient {
- public:
-  TlsClient(int port, const std::string& ca_pem, int max_version = 0) : stream_(io_, context_) {
-    context_.add_certificate_authority(asio::buffer(ca_pem));
-    stream_.set_verify_mode(asio::ssl::verify_peer);
-    stream_.set_verify_callback(asio::ssl::host_name_verification("localhost"));
-    if (max_version != 0) SSL_set_max_proto_version(stream_.native_handle(), max_version);
-    stream_.next_layer().connect({asio::ip::make_address("127.0.0.1"), static_cast<std::uint16_t>(port)});
-    stream_.handshake(asio::ssl::stream_base::client, handshake_);
-  }
-  const boost::system::error_code& handshake() const { return handshake_; }
-  std::string Ask(const std::string& request) {
-    boost::system::error_code error;
-    asio::write(stream_, asio::buffer(request), error);
-    std::string bytes;
-    asio::read(stream_, asio::dynamic_buffer(bytes), error);
-    return bytes;
-  }
+TEST(HttpServer, WhoBeginsARequestAndDoesNotEndItIsToldSo) {
+  HttpServerOptions options = Options();
+  options.timeout = std::chrono::seconds(1);
+  std::mutex mutex;
+  std::vector<absl::Status> refused;
+  options.on_refused = [&](const std::string& peer, const absl::Status& why) {
+    const std::lock_guard lock(mutex);
+    EXPECT_EQ(peer, "127.0.0.1");
+    refused.push_back(why);
+  };
+  const TestingCertificate ca = MakeTestingCa(), own = MakeTestingCertificate({}, &ca);
+  HttpServerOptions with_tls = options;
+  with_tls.tls = ServerTls{own.certificate_pem, own.key_pem, "", 0};
+  const auto server = *HttpServer::Start(options, Echo), secure = *HttpServer::Start(with_tls, Echo);
+  const std::string head = "POST /d HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\n";
+  Client in_headers(server->port()), in_body(server->port()), asks(server->port()), idle(server->port());
+  in_headers.Send(head);
+  in_body.Send(head + "\r\nhel");
+  asks.Send(head + "Expect: 100-continue\r\n\r\n");
+  const auto told = AllOf(HasSubstr("HTTP/1.1 408 Request Timeout"), HasSubstr("Connection: close"),
+                          HasSubstr("did not arrive within 1 s"));
+  EXPECT_THAT(in_headers.ReadAll(), told);
+  EXPECT_THAT(in_body.ReadAll(), told);
+  EXPECT_THAT(asks.ReadAll(), told);
+  EXPECT_EQ(idle.ReadAll(), "") << "it has begun none";
+  EXPECT_THAT(TlsClient(secure->port(), ca.certificate_pem).Ask(head + "\r\nhel"), told);
+  const std::lock_guard lock(mutex);
+  EXPECT_EQ(refused.size(), 4u);
+  for (const absl::Status& why : refused) EXPECT_TRUE(absl::IsDeadlineExceeded(why)) << why;
+}
 
- private:
-  asio::io_context io_;
-  asio::ssl::context context_{asio::ssl::context::tls_client};
-  asio::ssl::stream<tcp::socket> stream_;
-  boost::system::error_code handshake_;
-};
+// However steadily.
+TEST(HttpServer, WhoSendsARequestLetterByLetterIsToldSo) {
+  HttpServerOptions options = Options();
+  options.timeout = std::chrono::seconds(1);
+  const auto server = *HttpServer::Start(options, Echo);
+  Client client(server->port());
+  std::thread writing([&] {
+    try {
+      for (int i = 0; i < 400; ++i) {
+        client.Send(i == 0 ? "GET /" : "a");
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+      }
+    } catch (const boost::system::system_error&) {  // it was closed
+    }
+  });
+  EXPECT_THAT(client.ReadUntil("408"), StartsWith("HTTP/1.1 408"));
+  writing.join();
+}
 
 TEST(HttpServer, SpeaksTlsOfToday) {
   const TestingCertificate ca = MakeTestingCa(), own = MakeTestingCertificate({}, &ca);

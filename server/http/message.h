@@ -23,7 +23,8 @@ struct HttpRequest {
   std::string request_id = {};     // X-Request-Id
   std::string origin = {};
   std::string accept = {};  // the header, as it came; empty: none
-  std::string query = {};   // what stands behind the first `?`, not decoded
+  std::string content_encoding = {};
+  std::string query = {};  // what stands behind the first `?`, not decoded
   // For bodies that are not held in memory: sends the next part of the answer's, its head before the first one, and
   // returns when there is room for another; an error if the client is gone or too slow. Whoever has called it answers
   // with `parts`. Null: parts cannot be sent.

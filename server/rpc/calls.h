@@ -11,6 +11,7 @@
 
 #include <atomic>
 #include <functional>
+#include <string>
 
 #include "absl/strings/string_view.h"
 #include "api/map_service.h"
@@ -56,6 +57,7 @@ struct CallContext {
   const Client* client = nullptr;                 // of one call: who asks
   StatusSource* status = nullptr;                 // null: nobody
   std::atomic<std::int64_t>* received = nullptr;  // of one call: bytes that came in it; null: nobody counts
+  const std::string* maps_folder = nullptr;       // that no error names to a client; null: any may be
 };
 
 absl::Status ListMaps(const CallContext& context, const v1::ListMapsRequest& request, v1::ListMapsResponse* response);

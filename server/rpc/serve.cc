@@ -9,6 +9,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_format.h"
+#include "base/told.h"
 #include "wire/errors.h"
 
 namespace cairn::server {
@@ -64,6 +65,10 @@ void CountReceived(const CallContext& context, std::int64_t bytes) {
   if (context.received != nullptr) *context.received += bytes;
   if (context.access == nullptr || context.client == nullptr || context.client->limited_as.empty()) return;
   context.access->limits().ChargeAndWait(context.client->limited_as, bytes);
+}
+
+absl::Status Told(const CallContext& server, const absl::Status& status) {
+  return server.maps_folder == nullptr ? status : WithoutDirectory(status, *server.maps_folder);
 }
 
 void Note(const CallContext& context, const Client& client, absl::string_view call, const Served& served,

@@ -52,6 +52,9 @@ void CountReceived(const CallContext& context, std::int64_t bytes);
 void Note(const CallContext& context, const Client& client, absl::string_view call, const Served& served,
           double seconds, std::int64_t received_bytes);
 
+// As clients are told it: it names no folder of this machine.
+absl::Status Told(const CallContext& server, const absl::Status& status);
+
 // `function` gets the context of the call.
 template <class Function>
 Served Serve(const CallContext& server, const Caller& caller, absl::string_view call, Function&& function) {
@@ -67,6 +70,7 @@ Served Serve(const CallContext& server, const Caller& caller, absl::string_view 
     context.received = &received;
     return function(context);
   });
+  served.status = Told(server, served.status);
   Note(server, client, call, served, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(),
        received);
   return served;

@@ -3,15 +3,17 @@
 #include <algorithm>
 
 namespace cairn::api {
+namespace {
 
-bool AreRivals(const LocalizeAnswer& best, const LocalizeAnswer& other) {
-  // Of two places that look alike the wrong one keeps a part of the matches; where two maps are of the same place, both
-  // keep most of them.
-  constexpr double kRivalShare = 0.5;
-  return other.localized && other.map_id != best.map_id && other.inliers >= kRivalShare * best.inliers;
+// Of the best place, also where the map has several that fit.
+int BestInliers(const LocalizeAnswer& answer) {
+  if (answer.localized) return answer.inliers;
+  return answer.rivals.empty() ? 0 : answer.rivals.front().inliers;
 }
 
-AcrossAnswer JudgeAcross(std::vector<AnswerOfMap> answers) {
+}  // namespace
+
+AcrossAnswer JudgeAcross(std::vector<AnswerOfMap> answers, double rival_share) {
   AcrossAnswer across;
   across.answers = std::move(answers);
   std::ranges::stable_sort(across.answers, [](const AnswerOfMap& x, const AnswerOfMap& y) {
@@ -19,11 +21,24 @@ AcrossAnswer JudgeAcross(std::vector<AnswerOfMap> answers) {
     if (x.answer.localized && x.answer.inliers != y.answer.inliers) return x.answer.inliers > y.answer.inliers;
     return x.map < y.map;
   });
-  if (across.answers.empty() || !across.answers.front().answer.localized) return across;
-  const AnswerOfMap& best = across.answers.front();
-  across.ambiguous = std::ranges::any_of(
-      across.answers, [&](const AnswerOfMap& other) { return AreRivals(best.answer, other.answer); });
-  if (!across.ambiguous) across.map = best.map;
+  std::vector<const AnswerOfMap*> fitting;
+  for (const AnswerOfMap& answer : across.answers) {
+    if (BestInliers(answer.answer) > 0) fitting.push_back(&answer);
+  }
+  if (fitting.empty()) return across;
+  std::ranges::stable_sort(fitting, std::ranges::greater(),
+                           [](const auto* of_map) { return BestInliers(of_map->answer); });
+  const AnswerOfMap& best = *fitting.front();
+  const double rival_inliers = rival_share * BestInliers(best.answer);
+  std::erase_if(fitting, [&](const auto* of_map) { return BestInliers(of_map->answer) < rival_inliers; });
+  across.ambiguous = !best.answer.localized || std::ranges::any_of(fitting, [&](const auto* of_map) {
+    return of_map->answer.map_id != best.answer.map_id;
+  });
+  if (!across.ambiguous) {
+    across.map = best.map;
+    return across;
+  }
+  for (const AnswerOfMap* of_map : fitting) across.rivals.push_back(of_map->map);
   return across;
 }
 

@@ -22,7 +22,9 @@ struct AnswerOfMap {
 
 struct AcrossAnswer {
   std::string map;         // where the image was located; empty: nowhere, or it is ambiguous
-  bool ambiguous = false;  // several maps fit about as well, and they are not copies of one
+  bool ambiguous = false;  // several maps fit about as well, and they are not copies of one; or several places of one
+  // Of an ambiguous answer: the maps that fit about as well, best first.
+  std::vector<std::string> rivals;
   // Those that located it first, most inliers first; then the others by name.
   std::vector<AnswerOfMap> answers;
 
@@ -30,10 +32,9 @@ struct AcrossAnswer {
   const LocalizeAnswer* located() const { return map.empty() ? nullptr : &answers.front().answer; }
 };
 
-// Whether an answer of another map (of another id) speaks against the best one: it has half as many inliers.
-bool AreRivals(const LocalizeAnswer& best, const LocalizeAnswer& other);
-
-// The one that located the image with most inliers, unless it has rivals.
-AcrossAnswer JudgeAcross(std::vector<AnswerOfMap> answers);
+// The one that located the image with most inliers, unless it has rivals: other maps (of another id), or places of one
+// map, that fit with at least `rival_share` of its inliers. That share is the one of places within a map
+// (tracking::RelocalizerOptions::max_rival_share).
+AcrossAnswer JudgeAcross(std::vector<AnswerOfMap> answers, double rival_share);
 
 }  // namespace cairn::api

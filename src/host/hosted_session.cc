@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/told.h"
 #include "client/query_image.h"
-#include "host/told.h"
 #include "store/fault.h"
 
 namespace cairn::host {

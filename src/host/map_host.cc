@@ -1,5 +1,7 @@
 #include "host/map_host.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -9,11 +11,11 @@
 #include "absl/strings/match.h"
 #include "absl/strings/strip.h"
 #include "base/guarded.h"
+#include "base/told.h"
 #include "base/version.h"
 #include "client/local_tracker.h"
 #include "client/view_feed.h"
 #include "host/describe.h"
-#include "host/told.h"
 #include "place/default_vocabulary.h"
 #include "store/map_store.h"
 
@@ -50,6 +52,26 @@ std::chrono::milliseconds RefreshInterval(const MapHostOptions& options) {
 MapHost::Clock::duration Seconds(double seconds) {
   return std::chrono::duration_cast<MapHost::Clock::duration>(std::chrono::duration<double>(seconds));
 }
+
+// Tells without the name of the directory.
+class ToldTracker final : public api::Tracker {
+ public:
+  ToldTracker(std::unique_ptr<api::Tracker> tracker, std::string directory)
+      : tracker_(std::move(tracker)), directory_(std::move(directory)) {}
+
+  absl::StatusOr<api::TrackAnswer> Track(const api::TrackFrame& frame) override {
+    absl::StatusOr<api::TrackAnswer> answer = tracker_->Track(frame);
+    if (!answer.ok()) return WithoutDirectory(answer.status(), directory_);
+    for (std::string* text : {&answer->reason, &answer->note}) {
+      if (!text->empty()) *text = WithoutDirectory(*text, directory_);
+    }
+    return answer;
+  }
+
+ private:
+  const std::unique_ptr<api::Tracker> tracker_;
+  const std::string directory_;
+};
 
 absl::Status NoMap(const std::string& map) {
   return store::MakeFault(store::Fault::kNotFound, absl::StrCat("there is no map \"", map, "\" here"));
@@ -310,7 +332,9 @@ absl::StatusOr<api::LocalizeAnswer> MapHost::Localize(const std::string& map, co
     const absl::StatusOr<std::shared_ptr<const tracking::MapView>> view = ViewOf(map);
     if (!view.ok()) return Told(view.status());
     CAIRN_ASSIGN_OR_RETURN(const WorkGate::Pass pass, gate_.Enter());
-    return localizer_.Localize(**view, query);
+    absl::StatusOr<api::LocalizeAnswer> answer = localizer_.Localize(**view, query);
+    if (!answer.ok()) return Told(answer.status());
+    return answer;
   });
 }
 
@@ -342,7 +366,7 @@ absl::StatusOr<api::AcrossAnswer> MapHost::LocalizeAcross(const std::vector<std:
       answers.push_back({name, answer.status(), answer.ok() ? *std::move(answer) : api::LocalizeAnswer()});
     }
     if (!answers.empty() && all_missing) return missing;
-    return api::JudgeAcross(std::move(answers));
+    return api::JudgeAcross(std::move(answers), options_.localizer.relocalizer.max_rival_share);
   });
 }
 
@@ -356,7 +380,7 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> MapHost::NewTracker(const std::str
     };
     absl::StatusOr<std::unique_ptr<api::Tracker>> tracker = open();
     if (!tracker.ok()) return Told(tracker.status());
-    return tracker;
+    return std::make_unique<ToldTracker>(*std::move(tracker), options_.directory);
   });
 }
 
@@ -397,8 +421,13 @@ absl::StatusOr<std::unique_ptr<api::MapFeed>> MapHost::Follow(const std::string&
 absl::StatusOr<std::shared_ptr<const place::Vocabulary>> MapHost::DefaultVocabulary() {
   const std::lock_guard lock(vocabulary_mutex_);
   if (vocabulary_ == nullptr) {
-    CAIRN_ASSIGN_OR_RETURN(place::Vocabulary loaded, place::LoadDefaultVocabulary());
-    vocabulary_ = std::make_shared<const place::Vocabulary>(std::move(loaded));
+    absl::StatusOr<place::Vocabulary> loaded = place::LoadDefaultVocabulary();
+    if (!loaded.ok()) {  // it names files of this machine
+      spdlog::error("no map can be made: {}", std::string(loaded.status().message()));
+      return absl::Status(loaded.status().code(),
+                          "the vocabulary of new maps cannot be read: whoever runs this finds more in its log");
+    }
+    vocabulary_ = std::make_shared<const place::Vocabulary>(*std::move(loaded));
   }
   return vocabulary_;
 }

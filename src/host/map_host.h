@@ -104,6 +104,8 @@ class MapHost : public api::MapService {
   std::vector<api::ActiveSession> ActiveSessions() const { return sessions_.Active(Clock::now()); }
   std::int64_t waiting() const { return gate_.waiting(); }  // images that wait for their turn
   int followers() const { return followers_; }              // feeds that have been given out by Follow()
+  // As the file system knows it, without links.
+  const std::string& directory() const { return options_.directory; }
   // Whether the directory can be read; NotFound if it is gone.
   absl::Status Ready() const;
 
@@ -141,6 +143,9 @@ class MapHost : public api::MapService {
   static void Close(Slot* slot);
   // Without the directory's name, which is nobody's business.
   absl::Status Told(const absl::Status& status) const;
+  // The same of a change: of a full disk also which one that is, and what to do. `undone`: what there is not now, as
+  // "map \"hall\" is not made".
+  absl::Status ToldOfChange(const absl::Status& status, absl::string_view undone) const;
   std::string Told(absl::string_view message) const;
 
   const MapHostOptions options_;

@@ -1,9 +1,12 @@
 // What those who keep the maps ask of their host: copies, the trash, checks, alignment, history, files.
+#include <spdlog/spdlog.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <filesystem>
 #include <utility>
 
+#include "absl/strings/str_format.h"
 #include "base/guarded.h"
 #include "care/session_removal.h"
 #include "engine/map_alignment.h"
@@ -17,6 +20,22 @@ namespace cairn::host {
 
 std::string MapHost::ScratchFile() {
   return absl::StrCat(options_.directory, "/.export-", getpid(), "-", ++scratch_files_);
+}
+
+absl::Status MapHost::ToldOfChange(const absl::Status& status, absl::string_view undone) const {
+  if (store::FaultOf(status) != store::Fault::kFull) return Told(status);
+  struct statvfs disk = {};
+  const bool known = statvfs(options_.directory.c_str(), &disk) == 0;
+  const bool no_files = known && disk.f_files > 0 && disk.f_favail == 0;
+  const std::string room =
+      no_files ? "it takes no further file"
+               : absl::StrFormat("%.1f MB are free, if its files may grow", static_cast<double>(FreeBytes()) / 1e6);
+  spdlog::error("{}: {}", std::string(undone), std::string(status.message()));
+  return store::MakeFault(
+      store::Fault::kFull,
+      absl::StrCat(undone, ", as the disk of the server that holds the maps is full (", room,
+                   "); all else is as it was. Whoever runs the server makes room there, as by removing what is not "
+                   "needed any more from .trash in the folder of the maps"));
 }
 
 absl::StatusOr<std::vector<api::ActiveSession>> MapHost::Sessions(const std::string& map) {
@@ -42,11 +61,12 @@ absl::StatusOr<api::MapSummary> MapHost::Create(const std::string& map, const st
     options.vocabulary = vocabulary->Serialize();
     options.at_once = true;
     auto created = store::CreateMapStore(FileOf(map), NewInfo(title.empty() ? map : title, *vocabulary), options);
-    if (!created.ok()) return Told(created.status());
+    const std::string undone = absl::StrCat("map \"", map, "\" is not made");
+    if (!created.ok()) return ToldOfChange(created.status(), undone);
     if (const absl::Status closed = (*created)->Close(); !closed.ok()) {
       created->reset();
       for (const char* suffix : {"", "-wal", "-shm", "-lock"}) std::filesystem::remove(FileOf(map) + suffix, error);
-      return Told(closed);
+      return ToldOfChange(closed, undone);
     }
     return Summarize(map);
   });
@@ -60,7 +80,8 @@ absl::StatusOr<api::MapSummary> MapHost::Snapshot(const std::string& map, const 
     if (std::filesystem::exists(std::filesystem::symlink_status(FileOf(as), error))) {
       return store::MakeFault(store::Fault::kExists, absl::StrCat("there is a map \"", as, "\" already"));
     }
-    CAIRN_RETURN_IF_ERROR(Told(ExportMap(path, api::ExportContent::kMap, FileOf(as))));
+    const absl::Status copied = ExportMap(path, api::ExportContent::kMap, FileOf(as));
+    CAIRN_RETURN_IF_ERROR(ToldOfChange(copied, absl::StrCat("map \"", map, "\" is not copied to \"", as, "\"")));
     return Summarize(as);
   });
 }
@@ -82,7 +103,7 @@ absl::StatusOr<std::string> MapHost::Delete(const std::string& map) {
     CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
     Close(slot.get());
     absl::StatusOr<std::string> deleted = trash_.Take(map, path);
-    if (!deleted.ok()) return Told(deleted.status());
+    if (!deleted.ok()) return ToldOfChange(deleted.status(), absl::StrCat("map \"", map, "\" is not deleted"));
     return deleted;
   });
 }
@@ -103,7 +124,7 @@ absl::StatusOr<std::string> MapHost::Restore(const std::string& deleted, const s
       return store::MakeFault(store::Fault::kExists,
                               absl::StrCat("there is a map \"", name, "\" already: restore it under another name"));
     }
-    CAIRN_RETURN_IF_ERROR(Told(restored));
+    CAIRN_RETURN_IF_ERROR(ToldOfChange(restored, absl::StrCat("\"", deleted, "\" stays in the trash")));
     return name;
   });
 }

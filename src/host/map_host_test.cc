@@ -1,5 +1,7 @@
 #include "host/map_host.h"
 
+#include <gmock/gmock.h>
+
 #include <thread>
 
 #include "client/conformance/localizer_conformance.h"
@@ -110,6 +112,27 @@ TEST_F(MapHost, FollowsAnotherProcess) {
   ASSERT_TRUE(after.ok()) << after.status();
   EXPECT_EQ(after->summary.revision, before + 1);
   EXPECT_EQ(after->components[0].world_from_component->scale(), 3.0);
+}
+
+TEST_F(MapHost, ATrackerWhoseMapIsGoneDoesNotSayWhereItWas) {
+  host::MapHostOptions options;
+  options.directory = directory_;
+  options.refresh_interval_s = 0.0;
+  options.tracker.wait_for_matches = true;
+  options.tracker.refresh_interval_s = 0.0;
+  const auto host = *host::MapHost::Open(options);
+  const ConformanceMap& map = TheConformanceMap();
+  const auto tracker = host->NewTracker("a", Camera::FromPinhole(map.pinhole));
+  ASSERT_TRUE(tracker.ok()) << tracker.status();
+  std::filesystem::remove(Path("a"));
+  std::string told;
+  for (int i = 1; i <= 20 && told.empty(); ++i) {
+    const auto answer =
+        (*tracker)->Track({map.room.Render(map.pinhole, LookInRoom({0.2, 0.0, -1.4}, 0.05)), i * 40'000'000});
+    told = answer.ok() ? answer->note : std::string(answer.status().message());
+  }
+  EXPECT_THAT(told, testing::HasSubstr("a.cairn"));
+  EXPECT_THAT(told, testing::Not(testing::HasSubstr(host->directory())));
 }
 
 TEST_F(MapHost, ManyAtOnce) {

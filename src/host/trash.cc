@@ -1,6 +1,7 @@
 #include "host/trash.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
 
 #include "absl/strings/strip.h"
@@ -24,7 +25,9 @@ absl::StatusOr<std::string> Trash::Take(const std::string& map, const std::strin
   std::error_code error;
   std::filesystem::create_directory(absl::StrCat(directory_, "/", kTrashFolder), error);
   if (error) {
-    return store::MakeFault(store::Fault::kReadOnly, absl::StrCat("the trash cannot be made: ", error.message()));
+    const bool full = error == std::errc::no_space_on_device || error.value() == EDQUOT;
+    return store::MakeFault(full ? store::Fault::kFull : store::Fault::kReadOnly,
+                            absl::StrCat("the trash cannot be made: ", error.message()));
   }
   // Two of one name may go in the same millisecond.
   for (std::int64_t ms = engine::UnixNowNs() / kNsPerMs;; ++ms) {

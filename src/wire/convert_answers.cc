@@ -138,6 +138,7 @@ absl::StatusOr<api::LocalizeAnswer> FromProto(const Answer& message) {
 void ToProto(const api::AcrossAnswer& across, v1::LocalizeInMapsResponse* out) {
   out->set_map(across.map);
   out->set_ambiguous(across.ambiguous);
+  for (const std::string& rival : across.rivals) out->add_rivals(rival);
   for (const api::AnswerOfMap& of_map : across.answers) {
     v1::LocalizeInMapsResponse::Answer* answer = out->add_answers();
     answer->set_map(of_map.map);
@@ -160,6 +161,7 @@ absl::StatusOr<api::AcrossAnswer> FromProto(const v1::LocalizeInMapsResponse& me
     CAIRN_ASSIGN_OR_RETURN(of_map.answer, FromProto(answer.answer()));
   }
   across.ambiguous = message.ambiguous();
+  across.rivals.assign(message.rivals().begin(), message.rivals().end());
   across.map = message.map();
   const bool consistent = across.map.empty() || (!across.answers.empty() && across.answers[0].map == across.map &&
                                                  across.answers[0].answer.localized);

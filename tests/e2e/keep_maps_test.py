@@ -227,6 +227,30 @@ class KeepMaps(unittest.TestCase):
             self.assertIn(answer['in_map'], ('office', 'copy'), 'a copy is no rival')
         self.assertEqual(self.ask('localize', self.photos[20], '--camera', camera, '--map', 'cellar,kitchen').code, 1)
 
+    def test_photos_of_a_camera_that_several_maps_have_need_no_calibration(self):
+        self.must_ask('snapshot', 'office', 'copy')
+        photo, files = self.photos[20], [self.maps / 'office.cairn', self.maps / 'copy.cairn']
+        for which in (['--map', 'office,copy'], ['--map', 'office', '--map', 'copy'], ['--all-maps']):
+            self.assertIn(self.must_ask('localize', photo, *which)['in_map'], ('office', 'copy'))
+        here = must('localize', photo, '--map', files[0], '--map', files[1])
+        self.assertEqual(here['localized'], True)
+        self.assertEqual(len(here['answers']), 2)
+        # A map of another camera that takes images of that size, and of one that does not.
+        visit = self.folder / 'other_visit'
+        if not visit.exists():
+            must('synth', 'office', '--seed', 9, '--duration', 3, '--image-size', *SIZE, '--focal', FOCAL + 40, '--out', visit)
+        must('run', visit, '--map', self.maps / 'other.cairn')
+        failed = self.ask('localize', photo, '--map', 'copy,office,other')
+        self.assertEqual(failed.code, 1, failed.out)
+        self.assertRegex(failed.json['error'], rf'copy, office: .*{FOCAL}\.00 px; other: .*{FOCAL + 40}\.00 px.*--camera')
+        failed = cairn('localize', photo, '--map', files[0], '--map', self.maps / 'other.cairn')
+        self.assertIn(f'{self.maps}/other.cairn: ', failed.json['error'])
+        small = self.folder / 'small.png'
+        subprocess.run(['/usr/bin/python3', '-c', 'import sys; from PIL import Image; Image.open(sys.argv[1]).resize((100, 75)).save(sys.argv[2])',
+                        photo, small], check=True)
+        failed = self.ask('localize', small, '--map', 'copy,office')
+        self.assertRegex(failed.json['error'], r'100x75 .*copy: 480x360; office: 480x360.*--camera')
+
     def test_top(self):
         self.ask('info', 'kitchen')
         self.must_ask('info', 'office')

@@ -37,6 +37,21 @@ class Manuals(unittest.TestCase):
         self.assertIn('--filter', page)
         self.assertIn('cairn ls office.cairn', page)
 
+    def test_what_a_server_does_not_do_is_said(self):
+        """Of each option of run: that it is not with --server, if and only if it is refused."""
+        entries = re.split(r'^  (?=-)', cairn('run', '--help', json_output=False).out, flags=re.M)[1:]
+        told, refused = set(), set()
+        for entry in entries:
+            name = re.match(r'(?:-\w,)?(--[\w-]+)', entry)[1]
+            if 'Not with --server' in ' '.join(entry.split()):
+                told.add(name)
+            for value in ([], ['1'], ['fast']):
+                answer = cairn('--server', 'localhost:1', 'run', '.', '--map', 'x', name, *value, json_output=False)
+                if '--server' in answer.err and 'excludes' in answer.err:
+                    refused.add(name)
+        self.assertIn('--threads', told)
+        self.assertEqual(told, refused)
+
     def test_man_takes_the_pages(self):
         if shutil.which('man') is None or shutil.which('groff') is None:
             self.skipTest('man or groff is not installed')

@@ -1,8 +1,10 @@
 """Sessions over the network: they make maps and extend them, and survive cut connections and a killed server."""
+import contextlib
 import json
 import pathlib
 import shutil
 import signal
+import sqlite3
 import subprocess
 import tempfile
 import time
@@ -239,6 +241,28 @@ class ServedSessions(unittest.TestCase):
         self.assertEqual([(a['action'], a['outcome']) for a in lines],
                          [('session_started_new_map', 'ok'), ('session_left', 'ok'), ('session_abandoned', 'ok')])
         self.assertGreater(lines[-1]['details']['frames'], 5)
+        self.assertEqual({line['peer'] for line in lines}, {'127.0.0.1'}, 'whose session it was')
+
+    def test_what_a_session_of_seconds_has_left_is_named(self):
+        elsewhere = self.folder / 'elsewhere'
+        must('synth', 'office', '--seed', 11, '--duration', 2.5, '--image-size', 480, 360, '--focal', 315, '--out', elsewhere)
+        self.run_served(self.first, '--map', 'office')
+        whole = cairn('--server', self.server.address, 'info', 'office')
+        self.assertEqual(whole.json['fragments'], [])
+        self.assertEqual(self.run_served(elsewhere, '--map', 'office', '--extend')['result'], 'apart')
+        told = cairn('--server', self.server.address, 'info', 'office').json['fragments']
+        self.assertEqual([(f['component'], f['session']) for f in told], [(2, 2)])
+        # Whether its end was written down or not, as of a server that was killed.
+        self.server.stop(signal.SIGKILL)
+        self.assertEqual(must('info', self.maps / 'office.cairn')['fragments'], told)
+        with contextlib.closing(sqlite3.connect(self.maps / 'office.cairn')) as file, file:
+            file.execute('UPDATE sessions SET complete = 0 WHERE id = 2')
+        self.assertEqual(must('info', self.maps / 'office.cairn')['fragments'], told)
+        self.server = Server(self.maps)
+        said = cairn('--server', self.server.address, 'info', 'office', json_output=False).out
+        self.assertIn('cairn session remove office 2', ' '.join(said.split()))
+        self.assertEqual(cairn('--server', self.server.address, 'session', 'remove', 'office', 2).code, 0)
+        self.assertEqual(cairn('--server', self.server.address, 'info', 'office').json['fragments'], [])
 
     def test_a_session_that_was_cut_off_says_how_far_it_came(self):
         client = self.begin(self.first, '--map', 'office', '--realtime', 1)

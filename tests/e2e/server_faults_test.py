@@ -38,6 +38,14 @@ class ServerFaults(unittest.TestCase):
         found = self.ask('localize', self.visit, '--independent', '--stride', 30, '--map', name)
         self.assertEqual(found.code, 0, f'{found.out}{found.err}')
 
+    def assert_tells(self, failed, what):
+        """What has not happened, of which disk, and what to do; and not where that is."""
+        said = failed.out + failed.err
+        self.assertEqual(failed.code, 1, said)
+        for part in (what, 'disk of the server that holds the maps is full', 'makes room there', '.trash'):
+            self.assertIn(part, json.loads(failed.out)['error'] if failed.out.startswith('{') else said)
+        self.assertNotIn(str(self.folder), said)
+
     def fills_up(self, maps, fill, make_room):
         """A session whose map finds no room: it ends with an error that says so, and nobody else is disturbed."""
         shutil.copy(self.made / 'good.cairn', maps)
@@ -51,7 +59,8 @@ class ServerFaults(unittest.TestCase):
             self.assert_good('good')
             copied = self.ask('snapshot', 'good', 'copy')
             self.assertEqual(copied.code, 1, 'nor is there room for a copy')
-            self.assertRegex(copied.out + copied.err, 'full|no space|no room')
+            self.assert_tells(copied, 'map "good" is not copied to "copy"')
+            self.assert_tells(self.ask('create', 'empty'), 'map "empty" is not made')
             status, _, text = self.server.get('/v1/maps/good:snapshot', b'{"as": "copy"}', 'application/json')
             self.assertEqual((status, json.loads(text)['error']['reason']), (507, 'disk_full'))
             # What was durable is a map, if there was anything.
@@ -87,6 +96,31 @@ class ServerFaults(unittest.TestCase):
                 os.posix_fallocate(file.fileno(), 0, free - (self.made / 'good.cairn').stat().st_size // 2)
         try:
             self.fills_up(maps, fill, lambda _: filler.unlink())
+        finally:
+            subprocess.run(['umount', maps], check=True)
+
+    def test_a_disk_that_takes_no_further_file(self):
+        maps = pathlib.Path(tempfile.mkdtemp(prefix='disk-', dir=self.folder))
+        if subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=200m,nr_inodes=40', 'tmpfs', maps], capture_output=True).returncode != 0:
+            self.skipTest('needs the right to mount a disk')
+        try:
+            for name in ('good', 'other'):
+                shutil.copy(self.made / 'good.cairn', maps / f'{name}.cairn')
+            self.server = Server(maps)
+            deleted = self.ask('delete', 'other').json['deleted']
+            fillers = []
+            with self.assertRaises(OSError):
+                for number in range(100):
+                    (maps / f'filler_{number}').touch()
+                    fillers.append(maps / f'filler_{number}')
+            self.assert_tells(self.ask('delete', 'good'), 'map "good" is not deleted')
+            self.assert_tells(self.ask('restore', deleted), f'"{deleted}" stays in the trash')
+            self.assertIn('takes no further file', self.ask('create', 'empty').out)
+            for filler in fillers:
+                filler.unlink()
+            self.assertEqual(self.ask('restore', deleted).code, 0)
+            self.assertEqual(self.ask('delete', 'good').code, 0)
+            self.assertEqual(self.server.stop(), 0)
         finally:
             subprocess.run(['umount', maps], check=True)
 

@@ -111,29 +111,31 @@ nlohmann::ordered_json Describe(const store::MapOverview& map, bool being_writte
   for (const store::MapPart& part : map.parts) {
     sizes.push_back({{"part", part.name}, {"bytes", part.bytes}, {"percent", Percent(part.bytes, summary.file_bytes)}});
   }
-  return {{"id", summary.info.id},
-          {"name", summary.info.name},
-          {"revision", summary.revision},
-          {"format_version", summary.format_version},
-          {"keyframes", summary.keyframes},
-          {"points", summary.points},
-          {"components", ComponentsAsJson(ToldComponents(map))},
-          {"geo_anchor", AnchorAsJson(summary.info.geo_anchor)},
-          {"features_per_keyframe", quality.features},
-          {"points_per_keyframe", quality.points},
-          {"covisible_keyframes", quality.covisible},
-          {"observations_per_point", quality.observations_per_point},
-          {"reprojection_rms_px", quality.error_rms_px},
-          {"reprojection_median_px", quality.error_median_px},
-          {"keyframes_looked_at", quality.keyframes},
-          {"keyframes_projected", quality.error_keyframes},
-          {"vocabulary_hash", absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16))},
-          {"bytes", summary.file_bytes},
-          {"sizes", sizes},
-          {"created", FormatUnixTime(summary.info.created_unix_ns)},
-          {"software_version", summary.info.software_version},
-          {"cameras", cameras},
-          {"sessions", sessions}};
+  return {
+      {"id", summary.info.id},
+      {"name", summary.info.name},
+      {"revision", summary.revision},
+      {"format_version", summary.format_version},
+      {"keyframes", summary.keyframes},
+      {"points", summary.points},
+      {"components", ComponentsAsJson(ToldComponents(map))},
+      {"fragments", FragmentsAsJson(FragmentsOf(FragmentCandidates(ToldComponents(map)), map.sessions, being_written))},
+      {"geo_anchor", AnchorAsJson(summary.info.geo_anchor)},
+      {"features_per_keyframe", quality.features},
+      {"points_per_keyframe", quality.points},
+      {"covisible_keyframes", quality.covisible},
+      {"observations_per_point", quality.observations_per_point},
+      {"reprojection_rms_px", quality.error_rms_px},
+      {"reprojection_median_px", quality.error_median_px},
+      {"keyframes_looked_at", quality.keyframes},
+      {"keyframes_projected", quality.error_keyframes},
+      {"vocabulary_hash", absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16))},
+      {"bytes", summary.file_bytes},
+      {"sizes", sizes},
+      {"created", FormatUnixTime(summary.info.created_unix_ns)},
+      {"software_version", summary.info.software_version},
+      {"cameras", cameras},
+      {"sessions", sessions}};
 }
 
 std::string Megabytes(std::int64_t bytes) {
@@ -211,7 +213,9 @@ void Print(const store::MapOverview& map, const std::string& path, bool being_wr
   std::printf("  %lld points, seen %.1f times each; error %.2f px RMS, %.2f px median\n",
               static_cast<long long>(summary.points), quality.observations_per_point, quality.error_rms_px,
               quality.error_median_px);
-  PrintComponents(ToldComponents(map), "  ", kListed);
+  const std::vector<ToldComponent> components = ToldComponents(map);
+  PrintComponents(components, "  ", kListed);
+  PrintFragments(FragmentsOf(FragmentCandidates(components), map.sessions, being_written), Shown(path), "  ");
   if (const auto& anchor = map.summary.info.geo_anchor) {
     std::printf("%s", Wrapped(absl::StrCat("on the earth at ", DescribeAnchor(*anchor)), "  ", "    ").c_str());
   }

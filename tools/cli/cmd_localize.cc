@@ -3,9 +3,11 @@
 #include <atomic>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <iostream>
 #include <map>
 
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "api/localizer.h"
 #include "base/files.h"
@@ -35,7 +37,8 @@ struct LocalizeOptions {
   InputOptions input;
   std::vector<std::string> more_photos;
   ServerChoice server;
-  std::string map;
+  std::vector<std::string> maps;
+  std::string map;  // the one, if there is no other
   std::string out;
   std::string picture;
   PriorOptions prior_text;
@@ -163,18 +166,21 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
 
-// `cameras`: of the map, for photos of its own camera; none: --camera is needed.
+// For photos of the map's own camera: the one that takes images of this size.
+using OwnCamera = std::function<absl::StatusOr<Camera>(cv::Size size)>;
+
+OwnCamera OwnCameraOf(const LocalizeTarget& map, const std::string& photo) {
+  return [&](cv::Size size) { return CameraOfSize(map.cameras(), size, photo); };
+}
+
 absl::StatusOr<api::LocalizeQuery> QueryOf(const LocalizeOptions& options, const std::string& photo,
-                                           const std::vector<Camera>& cameras) {
+                                           const OwnCamera& own_camera) {
   const std::string& camera_path = options.input.open.camera_path;
-  if (camera_path.empty() && cameras.empty()) {
-    return absl::InvalidArgumentError("a photo needs its calibration: give --camera camera.yaml");
-  }
   api::LocalizeQuery query;
   query.prior = options.prior;
   if (camera_path.empty()) {
     CAIRN_ASSIGN_OR_RETURN(query.image, io::ReadGrayImage(photo));
-    CAIRN_ASSIGN_OR_RETURN(query.camera, CameraOfSize(cameras, query.image.size(), photo));
+    CAIRN_ASSIGN_OR_RETURN(query.camera, own_camera(query.image.size()));
   } else {
     CAIRN_ASSIGN_OR_RETURN(const io::CameraFile camera, io::LoadCamera(camera_path));
     query.camera = camera.camera;
@@ -189,14 +195,27 @@ absl::StatusOr<api::LocalizeQuery> QueryOf(const LocalizeOptions& options, const
   return query;
 }
 
-// Names of maps of a server; none: one map alone is asked.
-std::vector<std::string> SeveralMaps(const LocalizeOptions& options) {
-  if (options.server.empty() || options.map.find(',') == std::string::npos) return {};
-  return absl::StrSplit(options.map, ',', absl::SkipEmpty());
+// Those that are named; of a server's several at once, with commas between, as no name has one.
+std::vector<std::string> NamedMaps(const LocalizeOptions& options) {
+  if (options.server.empty()) return options.maps;
+  return absl::StrSplit(absl::StrJoin(options.maps, ","), ',', absl::SkipEmpty());
+}
+
+absl::StatusOr<int> LocalizeInSeveral(const LocalizeOptions& options) {
+  const std::string& photo = options.input.sequence;
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<AcrossTarget> target, OpenAcrossTarget(options.server, options.maps));
+  const auto own_camera = [&](cv::Size size) -> absl::StatusOr<Camera> {
+    CAIRN_ASSIGN_OR_RETURN(const std::vector<CamerasOfMap> maps, target->Cameras());
+    return CameraOfMaps(maps, size, photo);
+  };
+  CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options, photo, own_camera));
+  CAIRN_ASSIGN_OR_RETURN(const api::AcrossAnswer across, target->Localize(query));
+  return TellAcross(across, photo, options.json);
 }
 
 absl::StatusOr<int> LocalizePhoto(const LocalizeOptions& options, LocalizeTarget& localizer) {
-  CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options, options.input.sequence, localizer.cameras()));
+  const std::string& photo = options.input.sequence;
+  CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options, photo, OwnCameraOf(localizer, photo)));
   CAIRN_ASSIGN_OR_RETURN(const api::LocalizeAnswer answer, localizer.Localize(query));
   Summary summary;
   summary.together = {answer.component};
@@ -222,7 +241,7 @@ absl::StatusOr<int> LocalizePhotos(const LocalizeOptions& options, LocalizeTarge
   photos.insert(photos.end(), options.more_photos.begin(), options.more_photos.end());
   TimeNs time_ns = 0;
   for (const std::string& photo : photos) {
-    const absl::StatusOr<api::LocalizeQuery> query = QueryOf(options, photo, localizer.cameras());
+    const absl::StatusOr<api::LocalizeQuery> query = QueryOf(options, photo, OwnCameraOf(localizer, photo));
     if (!query.ok()) {
       skipped.Add(photo, query.status());
     } else {
@@ -306,11 +325,14 @@ absl::StatusOr<int> LocalizeSequence(const LocalizeOptions& options, LocalizeTar
 absl::StatusOr<int> Localize(LocalizeOptions options) {
   InterruptWatch interrupt;
   options.server.interrupt = &interrupt;
-  if (options.map.empty() && !options.all_maps) return FailUsage("localize", "--map is required", options.json);
-  if (!options.map.empty() && options.all_maps) {
+  options.maps = NamedMaps(options);
+  const bool several = options.all_maps || options.maps.size() > 1;
+  if (options.maps.empty() && !options.all_maps) return FailUsage("localize", "--map is required", options.json);
+  if (!options.maps.empty()) options.map = options.maps[0];
+  if (!options.maps.empty() && options.all_maps) {
     return FailUsage("localize", "--map names maps, --all-maps are all of them: give one of the two", options.json);
   }
-  if (options.send != "image" && (options.server.empty() || options.all_maps || !SeveralMaps(options).empty())) {
+  if (options.send != "image" && (options.server.empty() || several)) {
     return FailUsage("localize", "--send features is for one map of a server", options.json);
   }
   if (options.all_maps && options.server.empty()) {
@@ -349,19 +371,17 @@ absl::StatusOr<int> Localize(LocalizeOptions options) {
   }
   std::vector<std::string> inputs = InputFiles(options.input);
   inputs.insert(inputs.end(), options.more_photos.begin(), options.more_photos.end());
-  if (options.server.empty()) inputs.push_back(options.map);
+  if (options.server.empty()) inputs.insert(inputs.end(), options.maps.begin(), options.maps.end());
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out, options.picture}, inputs));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   for (const std::string* output : {&options.out, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
-  if (const std::vector<std::string> several = SeveralMaps(options); options.all_maps || !several.empty()) {
-    if (!photo || !options.more_photos.empty() || !options.out.empty() || options.prior) {
-      return FailUsage("localize", "several maps are asked for one photo at a time, without --out and --prior",
-                       options.json);
-    }
-    CAIRN_ASSIGN_OR_RETURN(const api::LocalizeQuery query, QueryOf(options, options.input.sequence, {}));
-    return LocalizeAcrossMaps(options.server, several, query, options.input.sequence, options.json);
+  if (several) {
+    const bool more = !options.more_photos.empty() || !options.out.empty() || !options.picture.empty();
+    if (photo && !more && !options.prior) return LocalizeInSeveral(options);
+    return FailUsage("localize", "several maps are asked for one photo at a time, without --out, --picture and --prior",
+                     options.json);
   }
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<LocalizeTarget> localizer,
                          OpenLocalizeTarget(options.server, options.map));
@@ -378,9 +398,11 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   verb->get_option("DATASET")->description(
       "A photo, or the folder of a sequence: EuRoC, TUM RGB-D, TUM monoVO, KITTI, images with times.txt");
   verb->add_option("PHOTOS", options->more_photos, "Further photos");
-  verb->add_option("--map", options->map,
-                   "Map file (.cairn), with --server the name of a map there, or of several with commas between; it is "
-                   "only read");
+  verb->add_option(
+          "--map", options->maps,
+          "Map file (.cairn), with --server the name of a map there; it is only read. Given several times (or, "
+          "with --server, as names with commas between): in which of them was the photo taken?")
+      ->allow_extra_args(false);
   verb->add_flag("--all-maps", options->all_maps, "In which of all maps of the server was the photo taken?");
   verb->add_option(
       "--out", options->out,
@@ -397,7 +419,8 @@ void AddLocalizeCommand(CLI::App& app, Action* action) {
   verb->footer(
       "Exit code 4 if no image was located. Beside a session that extends the map each image is looked for in the "
       "newest "
-      "revision. Photos of the map's own camera, as they came from it, need no --camera.\n"
+      "revision. Photos of the map's own camera, as they came from it, need no --camera, "
+      "nor do those of a camera that is the same in all of several maps.\n"
       "Examples:\n"
       "  cairn localize photo.jpg another.jpg --map office.cairn\n"
       "  cairn localize second_visit --camera camera.yaml --map office.cairn --independent --out poses.txt\n"

@@ -1,10 +1,17 @@
 // cairn run: maps a sequence into a map file, or only tracks it.
+#include <array>
+
 #include "cli/cli.h"
 #include "cli/run_options.h"
 #include "cli/server_option.h"
 
 namespace cairn::cli {
 namespace {
+
+// What only the one who holds the map file can do, or decides for all of its clients: not with --server.
+constexpr std::array<const char*, 12> kLocalOptions = {
+    "--odometry-only", "--poses",   "--vocabulary", "--picture",    "--quality", "--keyframes",
+    "--deterministic", "--threads", "--vo",         "--fixed-lens", "--preset",  "--full-resolution"};
 
 int Run(const RunOptions& options) {
   InterruptWatch interrupt;
@@ -112,6 +119,10 @@ void AddRunCommand(CLI::App& app, Action* action) {
        {map, extend, name, camera_name, poses, vocabulary, picture, vo, fixed_lens, live_poses, quality}) {
     odometry_only->excludes(of_maps);
   }
+  for (const char* local : kLocalOptions) {
+    CLI::Option* option = verb->get_option(local);
+    option->description(option->get_description() + ". Not with --server");
+  }
   verb->footer(
       "Examples:\n"
       "  cairn run rgbd_dataset --camera camera.yaml --map office.cairn\n"
@@ -122,10 +133,7 @@ void AddRunCommand(CLI::App& app, Action* action) {
       "  cairn --server localhost:7878 run visit --map office --extend");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
-    // What only the one who holds the map file can do, or decides for all of its clients.
-    for (const char* local :
-         {"--odometry-only", "--poses", "--vocabulary", "--picture", "--quality", "--keyframes", "--deterministic",
-          "--threads", "--vo", "--fixed-lens", "--preset", "--full-resolution"}) {
+    for (const char* local : kLocalOptions) {
       if (!options->server.empty() && verb->get_option(local)->count() > 0) throw CLI::ExcludesError(local, "--server");
     }
     if (!options->odometry_only && options->map.empty()) {

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "absl/strings/str_join.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -19,6 +20,10 @@ nlohmann::ordered_json WorldAsJson(const map::Component& component) {
           {"translation", {s.translation().x(), s.translation().y(), s.translation().z()}},
           {"quaternion_xyzw", {s.rotation().x(), s.rotation().y(), s.rotation().z(), s.rotation().w()}}};
 }
+
+// A session that ends right after its first keyframes came into the map has there what the odometry's window held then,
+// too: some eight to twelve.
+constexpr std::int64_t kFew = 15;
 
 std::string Join(const std::set<SessionId>& ids) {
   return absl::StrJoin(ids, ", ", [](std::string* out, SessionId id) { absl::StrAppend(out, id.value()); });
@@ -103,6 +108,72 @@ void PrintComponents(const std::vector<ToldComponent>& components, const char* i
                 join.keyframes_checked, static_cast<unsigned long long>(join.revision));
   }
   if (joined.size() > most) std::printf("%s  ... %zu more joined\n", indent, joined.size() - most);
+}
+
+std::vector<FragmentCandidate> FragmentCandidates(const std::vector<ToldComponent>& components) {
+  std::vector<FragmentCandidate> candidates;
+  for (const auto& [component, keyframes, sessions] : components) {
+    const ComponentId into = component.joined ? component.joined->into : ComponentId();
+    candidates.push_back(
+        {component.id, component.session, keyframes, into, component.world_from_component.has_value()});
+  }
+  return candidates;
+}
+
+std::vector<Fragment> FragmentsOf(const std::vector<FragmentCandidate>& components,
+                                  const std::vector<map::Session>& sessions, bool may_run) {
+  std::int64_t most = 0;
+  std::set<ComponentId> joined;  // into which others were
+  std::map<SessionId, int> begun;
+  for (const FragmentCandidate& component : components) {
+    most = std::max(most, component.keyframes);
+    joined.insert(component.joined_into);
+    ++begun[component.begun_by];
+  }
+  std::map<ComponentId, int> touched;  // by sessions that have ended in order
+  for (const map::Session& session : sessions) {
+    for (const ComponentId id : session.components) ++touched[id];
+  }
+  std::vector<Fragment> fragments;
+  for (const FragmentCandidate& component : components) {
+    const bool few = component.keyframes > 0 && component.keyframes < kFew && component.keyframes < most;
+    const bool alone = !component.joined_into && !joined.contains(component.id) && !component.aligned &&
+                       begun[component.begun_by] == 1 && touched[component.id] <= 1;
+    const auto session = std::ranges::find(sessions, component.begun_by, &map::Session::id);
+    if (!few || !alone || session == sessions.end() || (!session->complete && may_run)) continue;
+    if (session->components.size() > 1) continue;
+    fragments.push_back({component.id, component.begun_by, component.keyframes});
+  }
+  return fragments;
+}
+
+nlohmann::ordered_json FragmentsAsJson(const std::vector<Fragment>& fragments) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  for (const Fragment& fragment : fragments) {
+    json.push_back({{"component", fragment.component.value()},
+                    {"session", fragment.session.value()},
+                    {"keyframes", fragment.keyframes}});
+  }
+  return json;
+}
+
+void PrintFragments(const std::vector<Fragment>& fragments, const std::string& map, const char* indent) {
+  if (fragments.empty()) return;
+  constexpr std::size_t kNamed = 8;
+  const std::size_t named = std::min(fragments.size(), kNamed);
+  std::string text = fragments.size() == 1 ? "a fragment" : absl::StrCat(fragments.size(), " fragments");
+  absl::StrAppend(&text, ", of fewer than ", kFew, " keyframes that nothing links to the rest: ");
+  for (std::size_t i = 0; i < named; ++i) {
+    absl::StrAppend(&text, i == 0 ? "" : ", ", "component ", fragments[i].component.value(), " of session ",
+                    fragments[i].session.value());
+  }
+  if (named < fragments.size()) absl::StrAppend(&text, ", ...");
+  absl::StrAppend(
+      &text,
+      fragments.size() == 1 ? ". A visit to the same place may join it" : ". Visits to the same places may join them",
+      "; to remove: cairn session remove ", map, " ",
+      fragments.size() == 1 ? absl::StrCat(fragments[0].session.value()) : "SESSION");
+  std::printf("%s", text::Wrapped(text, indent, absl::StrCat(indent, "  ")).c_str());
 }
 
 std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map) {

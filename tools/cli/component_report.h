@@ -2,6 +2,7 @@
 #pragma once
 
 #include <set>
+#include <string>
 #include <vector>
 
 #include "cli/cli.h"
@@ -24,6 +25,29 @@ std::vector<ToldComponent> ToldComponents(const map::Snapshot& map);
 nlohmann::ordered_json ComponentsAsJson(const std::vector<ToldComponent>& components);
 // A line each, for those with keyframes, the largest first, and for the joins; at most about `most` lines each.
 void PrintComponents(const std::vector<ToldComponent>& components, const char* indent, std::size_t most);
+
+// What a session that ended soon has left: a few keyframes in a component of their own that nothing has joined.
+struct Fragment {
+  ComponentId component;
+  SessionId session;
+  std::int64_t keyframes = 0;
+};
+// A component as far as that takes.
+struct FragmentCandidate {
+  ComponentId id;
+  SessionId begun_by;
+  std::int64_t keyframes = 0;
+  ComponentId joined_into;
+  bool aligned = false;
+};
+// Beside a component that is larger, of sessions that have nothing else in the map. `may_run`: those that are not
+// complete may be running.
+std::vector<Fragment> FragmentsOf(const std::vector<FragmentCandidate>& components,
+                                  const std::vector<map::Session>& sessions, bool may_run);
+std::vector<FragmentCandidate> FragmentCandidates(const std::vector<ToldComponent>& components);
+nlohmann::ordered_json FragmentsAsJson(const std::vector<Fragment>& fragments);
+// What they are and how they are removed; nothing without any. `map`: as a command line names it.
+void PrintFragments(const std::vector<Fragment>& fragments, const std::string& map, const char* indent);
 
 // Those that can be drawn or written together: all that are aligned, or else the one with most keyframes.
 std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map);

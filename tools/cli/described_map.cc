@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "cli/align_report.h"
+#include "cli/component_report.h"
 #include "cli/geo_options.h"
 #include "cli/unix_time.h"
 #include "text/text.h"
@@ -12,6 +13,15 @@ namespace cairn::cli {
 namespace {
 
 long long L(std::int64_t value) { return static_cast<long long>(value); }
+
+std::vector<Fragment> Fragments(const api::MapDescription& map) {
+  std::vector<FragmentCandidate> candidates;
+  for (const api::ComponentInfo& component : map.components) {
+    candidates.push_back({component.id, component.session, component.keyframes, component.joined_into,
+                          component.world_from_component.has_value()});
+  }
+  return FragmentsOf(candidates, map.sessions, map.summary.writing);
+}
 
 }  // namespace
 
@@ -58,6 +68,7 @@ nlohmann::ordered_json DescribedMapAsJson(const api::MapDescription& map) {
   // In place of their numbers.
   json["cameras"] = cameras;
   json["components"] = components;
+  json["fragments"] = FragmentsAsJson(Fragments(map));
   json["sessions"] = sessions;
   return json;
 }
@@ -78,6 +89,7 @@ void PrintDescribedMap(const api::MapDescription& map) {
                   component.world_from_component ? "aligned to the world" : "not aligned (cairn align)");
     }
   }
+  PrintFragments(Fragments(map), text::Shown(summary.name), "  ");
   for (const api::CameraInfo& camera : map.cameras) {
     std::printf("  camera %u, %s: %s%s\n", camera.id.value(), text::Shown(camera.name).c_str(),
                 camera.camera.Describe().c_str(), camera.lens_corrected ? ", lens corrected by the map" : "");

@@ -18,4 +18,12 @@ std::vector<Camera> CamerasOf(const map::Snapshot& map);
 // names `photo`, the sizes and --camera.
 absl::StatusOr<Camera> CameraOfSize(const std::vector<Camera>& cameras, cv::Size size, const std::string& photo);
 
+struct CamerasOfMap {
+  std::string map;
+  std::vector<Camera> cameras;
+};
+// The same of several maps, which must agree; those without a camera of this size have no say. InvalidArgument also
+// says which of them have which.
+absl::StatusOr<Camera> CameraOfMaps(const std::vector<CamerasOfMap>& maps, cv::Size size, const std::string& photo);
+
 }  // namespace cairn::cli

@@ -87,6 +87,7 @@ absl::StatusOr<client::RemoteOptions> RemoteOptionsOf(const ServerChoice& server
   CAIRN_ASSIGN_OR_RETURN(access.token, TokenOf(server));
   CAIRN_ASSIGN_OR_RETURN(client::RemoteOptions options, client::RemoteOptionsFor(server.address, std::move(access)));
   options.send_features = server.send_features;
+  if (!server.token_file.empty()) options.read_token = [server] { return TokenOf(server); };
   options.on_outage = [outage_s = options.outage_s](const absl::Status& status) {
     std::cerr << "waiting for the server, up to " << outage_s << " s: " << std::string(status.message()) << "\n";
   };

@@ -6,10 +6,11 @@
 #include "absl/strings/string_view.h"
 #include "base/status.h"
 
-namespace cairn::host {
+namespace cairn {
 
+// What lies in it keeps its name; the directory itself is "the folder of the maps".
 std::string WithoutDirectory(absl::string_view message, const std::string& directory);
 // Payloads stay.
 absl::Status WithoutDirectory(const absl::Status& status, const std::string& directory);
 
-}  // namespace cairn::host
+}  // namespace cairn
