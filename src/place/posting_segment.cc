@@ -2,15 +2,96 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <utility>
 
 namespace cairn::place {
 
+static_assert(std::endian::native == std::endian::little, "numbers of several bytes are taken as they are");
+
+namespace {
+
+// Instead of how many entries were passed over, if they are so many or more: then the number follows.
+constexpr std::uint8_t kFar = 255;
+constexpr std::uint32_t kEntryBits = 10;
+constexpr std::uint32_t kEntryMask = PostingSegment::kMaxEntries - 1;
+static_assert(PostingSegment::kMaxEntries == 1u << kEntryBits);
+
+void AppendVarint(std::string* out, std::uint32_t value) {
+  for (; value >= 0x80; value >>= 7) out->push_back(static_cast<char>(value | 0x80));
+  out->push_back(static_cast<char>(value));
+}
+
+// Reads a number and goes on behind it; false beyond the end.
+bool TakeVarint(std::string_view bytes, std::size_t* at, std::uint32_t* value) {
+  if (*at >= bytes.size()) return false;
+  *value = static_cast<std::uint8_t>(bytes[(*at)++]);
+  if (*value < 0x80) return true;
+  *value &= 0x7f;
+  for (int shift = 7; shift < 35 && *at < bytes.size(); shift += 7) {
+    const auto byte = static_cast<std::uint8_t>(bytes[(*at)++]);
+    *value |= static_cast<std::uint32_t>(byte & 0x7f) << shift;
+    if (byte < 0x80) return true;
+  }
+  return false;
+}
+
+absl::Status Bad(const char* what) { return absl::DataLossError(absl::StrCat("place index: ", what)); }
+
+// What is packed, part by part, word after word.
+class Packing {
+ public:
+  // The entries of a word, ascending, each with how often it has it.
+  void Add(std::uint32_t entry, std::uint32_t count) {
+    if (entry - next_ < kFar) {
+      gaps_.push_back(static_cast<char>(entry - next_));
+    } else {
+      gaps_.push_back(static_cast<char>(kFar));
+      AppendVarint(&gaps_, entry - next_);
+    }
+    next_ = entry + 1;
+    ++num_entries_of_word_;
+    const std::uint32_t posting = num_postings_++;
+    if (count == 1) return;
+    AppendVarint(&more_, posting - next_more_);
+    AppendVarint(&more_, count);
+    next_more_ = posting + 1;
+    ++num_more_;
+  }
+  void EndWord() {
+    AppendVarint(&counts_, num_entries_of_word_);
+    next_ = num_entries_of_word_ = 0;
+  }
+
+  // A byte a word, nearly always: what is read at every opening must not be decided number by number. What is there
+  // more than once is little, and follows by itself.
+  std::string Finish(std::size_t num_words, std::span<const double> sums) && {
+    std::string out;
+    out.reserve(counts_.size() + gaps_.size() + more_.size() + sums.size_bytes() + 20);
+    AppendVarint(&out, static_cast<std::uint32_t>(sums.size()));
+    AppendVarint(&out, static_cast<std::uint32_t>(num_words));
+    AppendVarint(&out, num_postings_);
+    out.append(reinterpret_cast<const char*>(sums.data()), sums.size_bytes());
+    out += counts_;
+    out += gaps_;
+    AppendVarint(&out, num_more_);
+    out += more_;
+    return out;
+  }
+
+ private:
+  std::string counts_, gaps_, more_;
+  std::uint32_t next_ = 0, num_entries_of_word_ = 0, num_postings_ = 0;
+  std::uint32_t next_more_ = 0, num_more_ = 0;
+};
+
+}  // namespace
+
 PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<const WordId>> words_of_entry,
                                std::span<const float> idf)
-    : first_(first), begin_(idf.size() + 1), sum_(words_of_entry.size(), 0.0) {
+    : first_(first), sum_(words_of_entry.size(), 0.0) {
   // Sorted by word in two passes that each write to few places at once, by the upper bits and then by the lower ones.
   // Entries stay in their order, so that a word that an entry has several times is in one run.
   constexpr int kLowBits = 9;
@@ -30,7 +111,7 @@ PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<co
     }
   }
 
-  postings_.reserve(by_bucket.size());
+  Packing packing;
   std::vector<std::uint16_t> sorted;
   for (std::size_t b = 0; b + 1 < bucket.size(); ++b) {
     const std::span<const std::uint32_t> items(by_bucket.data() + bucket[b], bucket[b + 1] - bucket[b]);
@@ -45,157 +126,154 @@ PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<co
     std::uint32_t i = 0;
     for (std::uint32_t low = 0; low < kLows && b * kLows + low < idf.size(); ++low) {
       const std::size_t word = b * kLows + low;
-      begin_[word] = static_cast<std::uint32_t>(postings_.size());
       while (i < end[low]) {
         const std::uint16_t entry = sorted[i];
         std::uint32_t count = 0;
         for (; i < end[low] && sorted[i] == entry; ++i) ++count;
         sum_[entry] += TermWeight(count, idf[word]);
-        if (!(TermWeight(count, idf[word]) > 0.0)) continue;
-        if (count >= kMany) many_.emplace(static_cast<std::uint32_t>(postings_.size()), count);
-        postings_.push_back(static_cast<std::uint16_t>(std::min(count, kMany) << kEntryBits | entry));
+        if (TermWeight(count, idf[word]) > 0.0) packing.Add(entry, count);
       }
+      packing.EndWord();
     }
   }
-  begin_.back() = static_cast<std::uint32_t>(postings_.size());
-  postings_.shrink_to_fit();
-}
-
-namespace {
-
-// Instead of how many entries were passed over, if they are so many or more: then the number follows.
-constexpr std::uint32_t kFar = 255;
-
-void AppendVarint(std::string* out, std::uint32_t value) {
-  for (; value >= 0x80; value >>= 7) out->push_back(static_cast<char>(value | 0x80));
-  out->push_back(static_cast<char>(value));
-}
-
-// Reads numbers one after another; once beyond the end it stays there.
-class Numbers {
- public:
-  explicit Numbers(std::string_view bytes) : at_(bytes.data()), end_(bytes.data() + bytes.size()) {}
-
-  bool Varint(std::uint32_t* value) {
-    if (at_ == end_) return false;
-    *value = static_cast<std::uint8_t>(*at_++);
-    if (*value < 0x80) return true;
-    *value &= 0x7f;
-    for (int shift = 7; shift < 35 && at_ != end_; shift += 7) {
-      const auto byte = static_cast<std::uint8_t>(*at_++);
-      *value |= static_cast<std::uint32_t>(byte & 0x7f) << shift;
-      if (byte < 0x80) return true;
-    }
-    return false;
-  }
-  bool Byte(std::uint32_t* value) {
-    if (at_ == end_) return false;
-    *value = static_cast<std::uint8_t>(*at_++);
-    return true;
-  }
-  bool Double(double* value) {
-    if (end_ - at_ < static_cast<std::ptrdiff_t>(sizeof(*value))) return false;
-    std::memcpy(value, at_, sizeof(*value));
-    at_ += sizeof(*value);
-    return true;
-  }
-  std::size_t left() const { return static_cast<std::size_t>(end_ - at_); }
-
- private:
-  const char* at_;
-  const char* end_;
-};
-
-}  // namespace
-
-std::string PostingSegment::Pack() const {
-  const std::size_t num_words = begin_.size() - 1;
-  std::string out;
-  out.reserve(num_words + postings_.size() * 5 / 4 + sum_.size() * sizeof(double) + 16);
-  AppendVarint(&out, num_entries());
-  AppendVarint(&out, static_cast<std::uint32_t>(num_words));
-  AppendVarint(&out, static_cast<std::uint32_t>(postings_.size()));
-  for (const double sum : sum_) out.append(reinterpret_cast<const char*>(&sum), sizeof(sum));
-  for (std::size_t word = 0; word < num_words; ++word) AppendVarint(&out, begin_[word + 1] - begin_[word]);
-  // A byte each, nearly always: what is read at every opening must not be decided number by number. What is there more
-  // than once is little, and follows by itself.
-  std::string more;
-  std::uint32_t num_more = 0, next_more = 0;
-  for (std::size_t word = 0; word < num_words; ++word) {
-    std::uint32_t next = 0;
-    for (std::uint32_t i = begin_[word]; i < begin_[word + 1]; ++i) {
-      const std::uint32_t entry = postings_[i] & kEntryMask;
-      std::uint32_t count = postings_[i] >> kEntryBits;
-      if (entry - next < kFar) {
-        out.push_back(static_cast<char>(entry - next));
-      } else {
-        out.push_back(static_cast<char>(kFar));
-        AppendVarint(&out, entry - next);
-      }
-      next = entry + 1;
-      if (count == 1) continue;
-      if (count == kMany) count = many_.at(i);
-      AppendVarint(&more, i - next_more);
-      AppendVarint(&more, count);
-      next_more = i + 1;
-      ++num_more;
-    }
-  }
-  AppendVarint(&out, num_more);
-  out += more;
-  return out;
+  bytes_ = std::move(packing).Finish(idf.size(), sum_);
+  Index(idf.size()).IgnoreError();  // they are as they should be
 }
 
 absl::StatusOr<PostingSegment> PostingSegment::Unpack(std::uint32_t first, std::size_t num_words,
                                                       std::string_view bytes) {
-  const auto bad = [](const char* what) { return absl::DataLossError(absl::StrCat("place index: ", what)); };
-  Numbers numbers(bytes);
-  std::uint32_t entries = 0, words = 0, postings = 0;
-  if (!numbers.Varint(&entries) || !numbers.Varint(&words) || !numbers.Varint(&postings)) return bad("it is cut off");
-  if (entries > kMaxEntries || words != num_words) return bad("it is of another vocabulary, or too large");
-  if (numbers.left() < entries * sizeof(double) + num_words + postings) return bad("it is cut off");
   PostingSegment segment;
   segment.first_ = first;
-  segment.sum_.resize(entries);
-  for (double& sum : segment.sum_) {
-    if (!numbers.Double(&sum) || !std::isfinite(sum)) return bad("a sum is not finite");
+  segment.bytes_ = bytes;
+  CAIRN_RETURN_IF_ERROR(segment.Index(num_words));
+  return segment;
+}
+
+absl::Status PostingSegment::Index(std::size_t num_words) {
+  std::size_t at = 0;
+  std::uint32_t entries = 0, words = 0, postings = 0;
+  if (bytes_.size() > ~std::uint32_t{0}) return Bad("it is too large");
+  if (!TakeVarint(bytes_, &at, &entries) || !TakeVarint(bytes_, &at, &words) || !TakeVarint(bytes_, &at, &postings)) {
+    return Bad("it is cut off");
   }
-  segment.begin_.resize(num_words + 1);
+  if (entries > kMaxEntries || words != num_words) return Bad("it is of another vocabulary, or too large");
+  if (bytes_.size() - at < entries * sizeof(double) + num_words + postings) return Bad("it is cut off");
+  sum_.resize(entries);
+  if (entries > 0) std::memcpy(sum_.data(), bytes_.data() + at, entries * sizeof(double));
+  at += entries * sizeof(double);
+  if (!std::ranges::all_of(sum_, [](double sum) { return std::isfinite(sum); })) return Bad("a sum is not finite");
+  std::vector<std::uint16_t> counts(num_words);
   std::uint64_t total = 0;
-  for (std::size_t word = 0; word < num_words; ++word) {
+  for (std::uint16_t& kept : counts) {
     std::uint32_t count = 0;
-    if (!numbers.Varint(&count) || count > entries) return bad("a word is in too many images");
+    if (!TakeVarint(bytes_, &at, &count) || count > entries) return Bad("a word is in too many images");
     total += count;
-    if (total > postings) return bad("words are in too many images");
-    segment.begin_[word + 1] = static_cast<std::uint32_t>(total);
+    kept = static_cast<std::uint16_t>(count);
   }
-  if (total != postings) return bad("words are in too few images");
-  segment.postings_.resize(postings);
-  for (std::size_t word = 0; word < num_words; ++word) {
-    std::uint32_t next = 0;
-    for (std::uint32_t i = segment.begin_[word]; i < segment.begin_[word + 1]; ++i) {
-      std::uint32_t gap = 0;
-      if (!numbers.Byte(&gap) || (gap == kFar && !numbers.Varint(&gap))) return bad("it is cut off");
-      const std::uint32_t entry = next + gap;
-      if (gap >= entries || entry >= entries) return bad("an image is out of range");
-      segment.postings_[i] = static_cast<std::uint16_t>(1u << kEntryBits | entry);
-      next = entry + 1;
+  if (total != postings) return Bad("words are in too many or too few images");
+  CAIRN_RETURN_IF_ERROR(IndexGaps(counts, &at));
+  return IndexMore(postings, at);
+}
+
+absl::Status PostingSegment::IndexGaps(const std::vector<std::uint16_t>& counts, std::size_t* at) {
+  within_.resize(counts.size());
+  blocks_.resize((counts.size() + kWordsPerBlock - 1) / kWordsPerBlock + 1);
+  std::uint32_t posting = 0;
+  for (std::size_t word = 0; word < counts.size(); ++word) {
+    Block& block = blocks_[word / kWordsPerBlock];
+    if (word % kWordsPerBlock == 0) {
+      block.gaps = static_cast<std::uint32_t>(*at);
+      block.posting = posting;
+    }
+    within_[word] = static_cast<std::uint16_t>(*at - block.gaps);
+    const std::size_t count = counts[word];
+    posting += static_cast<std::uint32_t>(count);
+    if (bytes_.size() - *at < count) return Bad("it is cut off");
+    // All of a word at once, as there is hardly a gap that takes more than a byte.
+    const auto* gaps = reinterpret_cast<const std::uint8_t*>(bytes_.data() + *at);
+    std::uint32_t sum = 0;
+    std::uint8_t most = 0;
+    for (std::size_t i = 0; i < count; ++i) sum += gaps[i];
+    for (std::size_t i = 0; i < count; ++i) most = std::max(most, gaps[i]);
+    if (most < kFar) {
+      if (sum + count > sum_.size()) return Bad("an image is out of range");
+      *at += count;
+      continue;
+    }
+    std::uint64_t next = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      if (*at >= bytes_.size()) return Bad("it is cut off");
+      std::uint32_t gap = static_cast<std::uint8_t>(bytes_[(*at)++]);
+      // The same in more bytes than it needs would not fit into what is kept of where a word begins.
+      const std::size_t begin = *at;
+      if (gap == kFar && (!TakeVarint(bytes_, at, &gap) || *at - begin > 2)) return Bad("it is cut off");
+      next += gap + std::uint64_t{1};
+      if (next > sum_.size()) return Bad("an image is out of range");
     }
   }
+  blocks_.back().gaps = static_cast<std::uint32_t>(*at);
+  blocks_.back().posting = posting;
+  return absl::OkStatus();
+}
+
+absl::Status PostingSegment::IndexMore(std::uint32_t num_postings, std::size_t at) {
   std::uint32_t num_more = 0;
-  if (!numbers.Varint(&num_more) || num_more > postings) return bad("it is cut off");
-  std::uint64_t at = 0;
-  for (std::uint32_t i = 0; i < num_more; ++i, ++at) {
+  if (!TakeVarint(bytes_, &at, &num_more) || num_more > num_postings) return Bad("it is cut off");
+  std::size_t block = 0;
+  std::uint32_t from = 0;
+  for (std::uint32_t i = 0; i < num_more; ++i) {
+    const std::size_t begin = at;
     std::uint32_t gap = 0, count = 0;
-    if (!numbers.Varint(&gap) || !numbers.Varint(&count)) return bad("it is cut off");
-    at += gap;
-    if (at >= postings || count < 2) return bad("a count is out of range");
-    if (count >= kMany) segment.many_.emplace(static_cast<std::uint32_t>(at), count);
-    std::uint16_t& posting = segment.postings_[at];
-    posting = static_cast<std::uint16_t>(std::min(count, kMany) << kEntryBits | (posting & kEntryMask));
+    if (!TakeVarint(bytes_, &at, &gap) || !TakeVarint(bytes_, &at, &count)) return Bad("it is cut off");
+    const std::uint64_t posting = std::uint64_t{from} + gap;
+    if (posting >= num_postings || count < 2) return Bad("a count is out of range");
+    // Blocks that end before it have none that is left.
+    for (; blocks_[block].posting <= posting && block + 1 < blocks_.size(); ++block) {
+      blocks_[block].more = static_cast<std::uint32_t>(begin);
+      blocks_[block].more_from = from;
+    }
+    from = static_cast<std::uint32_t>(posting) + 1;
   }
-  if (numbers.left() != 0) return bad("there is more than it says");
-  return segment;
+  for (; block < blocks_.size(); ++block) {
+    blocks_[block].more = static_cast<std::uint32_t>(at);
+    blocks_[block].more_from = from;
+  }
+  return at == bytes_.size() ? absl::OkStatus() : Bad("there is more than it says");
+}
+
+std::size_t PostingSegment::Read(WordId word, Posting* out) const {
+  const Block& block = blocks_[word / kWordsPerBlock];
+  const Block& following = blocks_[word / kWordsPerBlock + 1];
+  const bool last = word + std::size_t{1} == within_.size() || (word + 1) % kWordsPerBlock == 0;
+  std::size_t at = block.gaps + std::size_t{within_[word]};
+  const std::size_t end = last ? following.gaps : block.gaps + std::size_t{within_[word + 1]};
+  // Which of all postings is the first one of this word: where each is one byte, that many bytes before.
+  std::uint32_t posting = block.posting + within_[word];
+  if (following.gaps - block.gaps != following.posting - block.posting) {
+    posting = block.posting;
+    for (std::size_t before = block.gaps; before < at; ++posting) {
+      std::uint32_t gap = 0;
+      if (static_cast<std::uint8_t>(bytes_[before++]) == kFar) TakeVarint(bytes_, &before, &gap);
+    }
+  }
+  std::size_t count = 0;
+  for (std::uint32_t next = 0; at < end; ++next) {
+    std::uint32_t gap = static_cast<std::uint8_t>(bytes_[at++]);
+    if (gap == kFar) TakeVarint(bytes_, &at, &gap);
+    next += gap;
+    out[count++] = {next, 1};
+  }
+  std::uint32_t more = block.more_from;
+  for (std::size_t from = block.more; from < following.more;) {
+    std::uint32_t gap = 0, times = 0;
+    TakeVarint(bytes_, &from, &gap);
+    TakeVarint(bytes_, &from, &times);
+    more += gap;
+    if (more >= posting + count) break;
+    if (more >= posting) out[more - posting].count = times;
+    ++more;
+  }
+  return count;
 }
 
 }  // namespace cairn::place

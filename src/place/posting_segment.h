@@ -1,12 +1,12 @@
-// The words of many images, by word: two bytes for each word of an image, which image and how often. What a word weighs
+// The words of many images, by word: a byte for most words of an image, which image and how often. What a word weighs
 // there follows from that (place/weighing.h). Never changes.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <string>
 #include <string_view>
-#include <unordered_map>
 #include <vector>
 
 #include "base/status.h"
@@ -23,8 +23,8 @@ class PostingSegment {
   PostingSegment(std::uint32_t first, std::span<const std::span<const WordId>> words_of_entry,
                  std::span<const float> idf);
 
-  // As bytes, to be kept (docs/map-format.md, "Place index"): half of what it takes in memory. Little-endian.
-  std::string Pack() const;
+  // As bytes, to be kept (docs/map-format.md, "Place index"): they are what it has in memory. Little-endian.
+  const std::string& Pack() const { return bytes_; }
   // The same with its entries from `first` on, for a vocabulary of so many words. DataLoss if that is not what the
   // bytes hold; no bytes lead beyond it.
   static absl::StatusOr<PostingSegment> Unpack(std::uint32_t first, std::size_t num_words, std::string_view bytes);
@@ -42,26 +42,38 @@ class PostingSegment {
   // Likewise visit(entry, count): how often it has the word.
   template <class Visit>
   void ForEachCount(WordId word, Visit&& visit) const {
-    for (std::uint32_t i = begin_[word]; i < begin_[word + std::size_t{1}]; ++i) {
-      std::uint32_t count = postings_[i] >> kEntryBits;
-      if (count == kMany) count = many_.at(i);
-      visit(first_ + (postings_[i] & kEntryMask), count);
-    }
+    std::array<Posting, kMaxEntries> postings;
+    const std::size_t count = Read(word, postings.data());
+    for (std::size_t i = 0; i < count; ++i) visit(first_ + postings[i].entry, postings[i].count);
   }
 
  private:
   PostingSegment() = default;
 
-  static constexpr int kEntryBits = 10;
-  static constexpr std::uint32_t kEntryMask = kMaxEntries - 1;
-  static constexpr std::uint32_t kMany = (1u << (16 - kEntryBits)) - 1;  // as often, or more
-  static_assert(kMaxEntries == 1u << kEntryBits);
+  struct Posting {
+    std::uint32_t entry, count;
+  };
+  // So many words share one of these: where what is said of the first of them begins.
+  static constexpr std::uint32_t kWordsPerBlock = 16;
+  struct Block {
+    std::uint32_t gaps;       // in `bytes_`
+    std::uint32_t posting;    // number of its first posting
+    std::uint32_t more;       // in `bytes_`, where words follow that are there more than once
+    std::uint32_t more_from;  // the number that the first of these counts from
+  };
+
+  // Finds its way in `bytes_`, and checks them.
+  absl::Status Index(std::size_t num_words);
+  absl::Status IndexGaps(const std::vector<std::uint16_t>& counts, std::size_t* at);
+  absl::Status IndexMore(std::uint32_t num_postings, std::size_t at);
+  // The postings of a word, of which there are at most kMaxEntries, into `out`; gives their number.
+  std::size_t Read(WordId word, Posting* out) const;
 
   std::uint32_t first_ = 0;
-  std::vector<std::uint32_t> begin_;                       // in `postings_`, by word; and the end
-  std::vector<std::uint16_t> postings_;                    // of each word ascending: entry, and above it the count
-  std::unordered_map<std::uint32_t, std::uint32_t> many_;  // counts of postings that say kMany
-  std::vector<double> sum_;                                // of term weights, by entry
+  std::string bytes_;                  // as they are packed
+  std::vector<double> sum_;            // of term weights, by entry
+  std::vector<Block> blocks_;          // and the end
+  std::vector<std::uint16_t> within_;  // by word: where its gaps begin, from those of its block on
 };
 
 }  // namespace cairn::place

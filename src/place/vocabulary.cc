@@ -82,6 +82,12 @@ absl::StatusOr<Vocabulary> Vocabulary::FromNodes(std::span<const Node> nodes, in
 }
 
 absl::Status Vocabulary::Index() {
+  CAIRN_RETURN_IF_ERROR(Link());
+  hash_ = HashOf(SerializeWithoutChecksum());
+  return absl::OkStatus();
+}
+
+absl::Status Vocabulary::Link() {
   const std::size_t count = child_count_.size();
   first_child_.assign(count, 0);
   word_of_node_.assign(count, 0);
@@ -111,7 +117,6 @@ absl::Status Vocabulary::Index() {
           absl::StrCat("the weight of vocabulary word ", word, " is ", weight_[word], "; it must be 0 or more"));
     }
   }
-  hash_ = HashOf(SerializeWithoutChecksum());
   return absl::OkStatus();
 }
 

@@ -107,8 +107,10 @@ class Vocabulary {
  private:
   Vocabulary() = default;
   NodeId NearestChild(NodeId node, const image::Descriptor& descriptor) const;
-  // Fills what follows from child_count_ and weight_, and the hash. DataLoss if the counts do not make a tree of these
-  // many nodes and words, InvalidArgument for a bad weight.
+  // Fills what follows from child_count_ and weight_. DataLoss if the counts do not make a tree of these many nodes and
+  // words, InvalidArgument for a bad weight.
+  absl::Status Link();
+  // The same, and the hash.
   absl::Status Index();
   std::string SerializeWithoutChecksum() const;
   static std::uint64_t HashOf(std::string_view bytes);

@@ -7,6 +7,7 @@
 //   u64       xxHash64 (seed 0) of everything before
 #include <bit>
 #include <cstring>
+#include <span>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -41,6 +42,20 @@ T Get(std::string_view bytes, std::size_t offset) {
   return value;
 }
 
+static_assert(std::endian::native == std::endian::little, "arrays are taken as they are");
+
+template <class T>
+void PutAll(std::string* out, std::span<const T> values) {
+  out->append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
+}
+
+// From the beginning of `bytes`, which hold as much.
+template <class T>
+void TakeAll(std::string_view* bytes, std::span<T> values) {
+  std::memcpy(values.data(), bytes->data(), values.size_bytes());
+  bytes->remove_prefix(values.size_bytes());
+}
+
 }  // namespace
 
 std::uint64_t Vocabulary::HashOf(std::string_view bytes) { return XXH64(bytes.data(), bytes.size(), 0); }
@@ -54,11 +69,9 @@ std::string Vocabulary::SerializeWithoutChecksum() const {
   Put(&out, static_cast<std::uint32_t>(depth_));
   Put(&out, static_cast<std::uint32_t>(child_count_.size()));
   Put(&out, static_cast<std::uint32_t>(weight_.size()));
-  for (const std::uint8_t count : child_count_) Put(&out, count);
-  for (std::size_t i = 1; i < descriptor_.size(); ++i) {
-    for (const std::uint64_t word : descriptor_[i]) Put(&out, word);
-  }
-  for (const float weight : weight_) Put(&out, std::bit_cast<std::uint32_t>(weight));
+  PutAll(&out, std::span(child_count_));
+  PutAll(&out, std::span(descriptor_).subspan(1));
+  PutAll(&out, std::span(weight_));
   return out;
 }
 
@@ -102,19 +115,15 @@ absl::StatusOr<Vocabulary> Vocabulary::Parse(std::string_view bytes) {
     return absl::DataLossError(
         absl::StrCat("the vocabulary is damaged: branching ", vocabulary.branching_, ", depth ", vocabulary.depth_));
   }
-  std::size_t offset = kHeaderSize;
-  for (std::uint64_t i = 0; i < nodes; ++i) vocabulary.child_count_.push_back(Get<std::uint8_t>(bytes, offset++));
+  std::string_view rest = content.substr(kHeaderSize);
+  vocabulary.child_count_.resize(nodes);
   vocabulary.descriptor_.resize(nodes);
-  for (std::uint64_t i = 1; i < nodes; ++i) {
-    for (std::uint64_t& word : vocabulary.descriptor_[i]) {
-      word = Get<std::uint64_t>(bytes, offset);
-      offset += 8;
-    }
-  }
-  for (std::uint64_t i = 0; i < words; ++i, offset += 4) {
-    vocabulary.weight_.push_back(std::bit_cast<float>(Get<std::uint32_t>(bytes, offset)));
-  }
-  CAIRN_RETURN_IF_ERROR(vocabulary.Index());
+  vocabulary.weight_.resize(words);
+  TakeAll(&rest, std::span(vocabulary.child_count_));
+  TakeAll(&rest, std::span(vocabulary.descriptor_).subspan(1));
+  TakeAll(&rest, std::span(vocabulary.weight_));
+  CAIRN_RETURN_IF_ERROR(vocabulary.Link());
+  vocabulary.hash_ = Get<std::uint64_t>(bytes, content.size());  // a vocabulary has one form only
   return vocabulary;
 }
 

@@ -21,6 +21,9 @@ absl::Status CheckIdentity(Database* database);
 // those of a later format than the header says.
 absl::Status CheckSchema(Database* database, bool views, const FindingSink& sink);
 
+// Whether they are known at once as those of the newest format, as of a map that was just made.
+absl::StatusOr<bool> HasNewestObjects(Database* database);
+
 // For reading, in the way that the file, its folder and a writer at work allow. `immutable_stamp` gets FileStamp() if
 // the file is read on the promise that nobody changes it, else stays empty.
 absl::StatusOr<std::unique_ptr<Database>> OpenForReading(const std::string& path, std::string* immutable_stamp);

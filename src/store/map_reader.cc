@@ -66,16 +66,13 @@ absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords(Database* database) {
   // docs/vocabulary.md, "File format".
   constexpr absl::string_view kMagic = "CAIRNVOC";
   constexpr std::size_t kNumWordsAt = 24;
-  CAIRN_ASSIGN_OR_RETURN(Statement rows, database->Prepare("SELECT substr(bytes, 1, 28) FROM vocabulary"));
-  const absl::StatusOr<bool> found = rows.Step();
-  if (!found.ok() && !IsDamaged(found.status())) return found.status();
-  if (!found.ok() || !*found) return std::optional<std::uint32_t>();
-  const Bytes start = rows.Blob(0);
   std::uint32_t num_words = 0;
-  if (start.size() < kNumWordsAt + sizeof(num_words) || std::memcmp(start.data(), kMagic.data(), kMagic.size()) != 0) {
+  const auto start = database->ReadBlob("vocabulary", "bytes", 1, kNumWordsAt + sizeof(num_words));
+  if (!start.ok() && !IsDamaged(start.status())) return start.status();
+  if (!start.ok() || !*start || (*start)->compare(0, kMagic.size(), kMagic.data(), kMagic.size()) != 0) {
     return std::optional<std::uint32_t>();
   }
-  std::memcpy(&num_words, start.data() + kNumWordsAt, sizeof(num_words));
+  std::memcpy(&num_words, (*start)->data() + kNumWordsAt, sizeof(num_words));
   return num_words;
 }
 

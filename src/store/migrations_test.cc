@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "store/fault.h"
+#include "store/map_open.h"
 
 namespace cairn::store {
 namespace {
@@ -24,6 +25,15 @@ TEST(Migrations, BuiltInOnesAreNumberedWithoutGaps) {
   int expected = 1;
   for (const Migration& migration : BuiltInMigrations()) EXPECT_EQ(migration.version, expected++);
   EXPECT_GE(expected, 2);
+}
+
+// After a new migration: kNewestObjects in map_open.cc is ChecksumOf() what it makes.
+TEST(Migrations, WhatTheyMakeIsKnownAtOnce) {
+  const auto database = Memory();
+  ASSERT_TRUE(Migrate(database.get(), BuiltInMigrations()).ok());
+  EXPECT_TRUE(*HasNewestObjects(database.get()));
+  ASSERT_TRUE(database->Execute("CREATE TABLE further (id)").ok());
+  EXPECT_FALSE(*HasNewestObjects(database.get()));
 }
 
 TEST(Migrations, ApplyOnceAndInOrder) {

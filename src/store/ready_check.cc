@@ -124,32 +124,36 @@ void ReadyCheck::TakeWords(KeyframeId keyframe, const std::vector<std::uint32_t>
   if (said == bags_.end() || said->second != bag) wrong_.push_back(keyframe);
 }
 
-absl::Status ReadyCheck::Compare(ReadyKind kind, std::uint32_t number, const std::string& expected) {
+absl::Status ReadyCheck::CheckPage(ReadyKind kind, std::uint32_t number, const std::string& expected) {
   const auto page = ReadReadyPage(database_, kind, number);
   if (!page.ok()) return absl::OkStatus();  // told already
   if (!*page) return Report(kind, number, "it is missing");
   return **page == expected ? absl::OkStatus() : Report(kind, number, "it does not say what the tables say");
 }
 
-absl::Status ReadyCheck::Finish(const map::Snapshot& map) {
-  if (!index_) return absl::OkStatus();
+absl::Status ReadyCheck::CheckIndex(ReadyIndex index) {
   for (const KeyframeId id : wrong_) {
     CAIRN_RETURN_IF_ERROR(Report(ReadyKind::kPlaces, 0,
                                  absl::StrCat("the place index does not have the words of keyframe ", id.value())));
   }
+  index.segments = index_->segments;
+  return CheckPage(ReadyKind::kIndex, 0, index.Pack());
+}
+
+absl::Status ReadyCheck::Finish(const map::Snapshot& map) {
+  if (!index_) return absl::OkStatus();
   CAIRN_ASSIGN_OR_RETURN(std::optional<ReadyIndex> expected, IndexOf(map));
   if (!expected) return Report(ReadyKind::kIndex, 0, "the map's ids are too scattered for one");
-  expected->segments = index_->segments;
-  CAIRN_RETURN_IF_ERROR(Compare(ReadyKind::kIndex, 0, expected->Pack()));
+  CAIRN_RETURN_IF_ERROR(CheckIndex(*std::move(expected)));
   for (std::uint32_t page = 0; page * kKeyframesPerPage < map.next_keyframe().value(); ++page) {
     const auto keyframes = KeyframesOfPage(map, page);
     if (keyframes.empty()) continue;
-    CAIRN_RETURN_IF_ERROR(Compare(ReadyKind::kKeyframes, page, PackReadyKeyframes(keyframes)));
+    CAIRN_RETURN_IF_ERROR(CheckPage(ReadyKind::kKeyframes, page, PackReadyKeyframes(keyframes)));
   }
   for (std::uint32_t page = 0; page * std::uint64_t{kPointsPerPage} < map.next_point().value(); ++page) {
     const auto points = PointsOfPage(map, page);
     if (points.empty()) continue;
-    CAIRN_RETURN_IF_ERROR(Compare(ReadyKind::kPoints, page, PackReadyPoints(points)));
+    CAIRN_RETURN_IF_ERROR(CheckPage(ReadyKind::kPoints, page, PackReadyPoints(points)));
   }
   return absl::OkStatus();
 }

@@ -27,13 +27,18 @@ class ReadyCheck {
   void TakeWords(KeyframeId keyframe, const std::vector<std::uint32_t>& words);
   absl::Status Finish(const map::Snapshot& map);
 
+  // The same page by page, for who does not have all of the map at once; only if this is so.
+  bool compares() const { return index_.has_value(); }
+  // `index`: what it should say, but for the place index.
+  absl::Status CheckIndex(ReadyIndex index);
+  absl::Status CheckPage(ReadyKind kind, std::uint32_t number, const std::string& expected);
+
  private:
   absl::Status Report(ReadyKind kind, std::uint32_t number, absl::string_view message) const;
   // Whether there is the table, as it should be.
   absl::StatusOr<bool> CheckTable();
   absl::Status CheckChecksums();
   absl::Status ReadPlaces();
-  absl::Status Compare(ReadyKind kind, std::uint32_t number, const std::string& expected);
 
   Database* database_;
   FindingSink sink_;

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -112,6 +113,10 @@ class Database {
   absl::StatusOr<std::array<std::uint8_t, kHeaderBytes>> ReadHeader();
   // Likewise any bytes, from `offset` on.
   absl::Status ReadRaw(std::span<std::uint8_t> bytes, std::int64_t offset);
+
+  // The first bytes of a blob, without a copy of all of it on the way. Nothing if the row has no blob of so many.
+  absl::StatusOr<std::optional<std::string>> ReadBlob(const char* table, const char* column, std::int64_t row_id,
+                                                      std::size_t num_bytes);
 
  private:
   explicit Database(sqlite3* handle) : handle_(handle) {}

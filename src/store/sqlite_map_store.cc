@@ -294,13 +294,24 @@ absl::Status SqliteMapStore::PutVocabulary(absl::string_view bytes) {
 
 absl::StatusOr<std::string> SqliteMapStore::LoadVocabulary() {
   auto loaded = [&]() -> absl::StatusOr<std::string> {
-    CAIRN_ASSIGN_OR_RETURN(Statement rows, database_->Prepare(kVocabularyTable.SelectSql("WHERE id = 1")));
+    std::optional<Transaction> transaction;  // both looks are at one revision
+    if (!database_->InTransaction()) {
+      CAIRN_ASSIGN_OR_RETURN(Transaction begun, Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+      transaction.emplace(std::move(begun));
+    }
+    CAIRN_ASSIGN_OR_RETURN(Statement rows,
+                           database_->Prepare("SELECT bytes_checksum, length(bytes) FROM vocabulary WHERE id = 1"));
     CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
     if (!found) return absl::NotFoundError("it holds no vocabulary");
-    const Bytes bytes = rows.Blob(2);
-    if (rows.Int(1) != BlobChecksum(bytes)) return DamagedBy({"vocabulary", 1, "bytes: wrong checksum"});
+    const std::int64_t checksum = rows.Int(0);
+    const auto size = static_cast<std::size_t>(rows.Int(1));
+    rows.Reset();
+    CAIRN_ASSIGN_OR_RETURN(std::optional<std::string> bytes, database_->ReadBlob("vocabulary", "bytes", 1, size));
+    if (!bytes || checksum != BlobChecksum(AsBytes(*bytes))) {
+      return DamagedBy({"vocabulary", 1, "bytes: wrong checksum"});
+    }
     CAIRN_RETURN_IF_ERROR(CheckUnchanged());
-    return std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    return *std::move(bytes);
   }();
   if (!loaded.ok()) return Annotated(loaded.status());
   return loaded;
@@ -434,10 +445,15 @@ absl::StatusOr<std::string> SqliteMapStore::ContentDigest() {
   auto digest = [&]() -> absl::StatusOr<std::string> {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));
-    CAIRN_ASSIGN_OR_RETURN(auto features, FeatureReaderWithin(database_.get(), path_));
-    const auto cache = map::FeatureCache::Create(std::move(features), /*budget_bytes=*/0);
     MapReader reader(database_.get(), DamagedBy);
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    if (CanGoByRows(reader.format(), reader.map_row())) {
+      CAIRN_ASSIGN_OR_RETURN(std::string of_rows, DigestOfRows(database_.get()));
+      CAIRN_RETURN_IF_ERROR(CheckUnchanged());
+      return of_rows;
+    }
+    CAIRN_ASSIGN_OR_RETURN(auto features, FeatureReaderWithin(database_.get(), path_));
+    const auto cache = map::FeatureCache::Create(std::move(features), /*budget_bytes=*/0);
     CAIRN_RETURN_IF_ERROR(reader.ReadEntities({cache.get()}));
     CAIRN_ASSIGN_OR_RETURN(const auto snapshot, reader.Assemble());
     std::string hash = store::ContentDigest(*snapshot);

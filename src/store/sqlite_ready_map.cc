@@ -13,6 +13,7 @@
 #include "store/map_reader.h"
 #include "store/ready_map.h"
 #include "store/ready_writer.h"
+#include "store/row.h"
 #include "store/sqlite.h"
 #include "store/sqlite_map_store.h"
 
@@ -48,15 +49,28 @@ bool Refers(const ReadyIndex& index, const map::Delta& description) {
 // The segments of the place index, each as it comes.
 absl::Status ReadSegments(Database* database, const ReadyIndex& index, const ReadyOptions& options) {
   std::vector<KeyframeId> keyframes;
+  CAIRN_ASSIGN_OR_RETURN(
+      Statement rows,
+      database->Prepare("SELECT revision, bytes_checksum, length(bytes) FROM ready_pages WHERE id = ?"));
   for (std::uint32_t number = 0; number < index.segments.size(); ++number) {
-    CAIRN_ASSIGN_OR_RETURN(const std::optional<std::string> packed,
-                           ReadReadyPage(database, ReadyKind::kPlaces, number));
-    if (!packed) return absl::DataLossError("a part of the place index is missing");
+    const std::int64_t page = ReadyRowId(ReadyKind::kPlaces, number);
+    rows.Bind(1, page);
+    CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
+    if (!found) return absl::DataLossError("a part of the place index is missing");
+    const auto revision = static_cast<Revision>(rows.Int(0));
+    const std::int64_t checksum = rows.Int(1);
+    const auto size = static_cast<std::size_t>(rows.Int(2));
+    rows.Reset();
+    // They are most of what opening reads: not copied on the way.
+    CAIRN_ASSIGN_OR_RETURN(const auto bytes, database->ReadBlob("ready_pages", "bytes", page, size));
+    if (!bytes) return absl::DataLossError("a part of the place index is no blob");
+    CAIRN_ASSIGN_OR_RETURN(const Bytes content, OpenReadyPage(page, revision, checksum, AsBytes(*bytes)));
+    const absl::string_view packed(reinterpret_cast<const char*>(content.data()), content.size());
     keyframes = index.segments[number];
     for (KeyframeId& id : keyframes) {
       if (index.Find(id) == nullptr) id = KeyframeId();
     }
-    CAIRN_RETURN_IF_ERROR(options.segment(keyframes, *packed));
+    CAIRN_RETURN_IF_ERROR(options.segment(keyframes, packed));
   }
   return absl::OkStatus();
 }

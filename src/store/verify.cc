@@ -2,6 +2,8 @@
 #include <memory>
 #include <utility>
 
+#include "store/content_check.h"
+#include "store/digest.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/ready_check.h"
@@ -72,7 +74,11 @@ class Verification {
 
   absl::Status CheckContent() {
     MapReader reader(database_, Sink());
+    const std::size_t found_before = findings_.size();
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    if (findings_.size() == found_before && CanGoByRows(reader.format(), reader.map_row())) {
+      return CheckContentByRows(database_, Sink());
+    }
     // Features are checked as they go by; all of them at once would take most of the memory of a large map.
     const auto cache = map::FeatureCache::Create(std::make_unique<NoFeatures>(), /*budget_bytes=*/0);
     ReadyCheck ready(database_, Sink());
