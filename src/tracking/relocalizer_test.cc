@@ -93,8 +93,8 @@ TEST(Relocalizer, ACameraWithAnotherLensIsFine) {
   EXPECT_LT(CenterError(answer->place.camera_from_map, truth), 0.02);
 }
 
-// Every answer is right within five standard deviations, or says that the calibration does not fit. (With half the focal
-// length and less a wall alone, seen straight, is further off than what is taken for the worst there.)
+// Every answer is right within five standard deviations, or says that the calibration does not fit. (With half the
+// focal length and less a wall alone, seen straight, is further off than what is taken for the worst there.)
 TEST(Relocalizer, AWrongCalibrationIsToldOrCovered) {
   const Scene& scene = Scene::Get();
   int told = 0, images = 0;
