@@ -87,7 +87,8 @@ void FeatureTracker::SetAnchor(const direct::Frame& frame, const Sighting& sight
   Anchor anchor;
   anchor.direct.index = frame.index;
   anchor.place = sighting.place;
-  anchor.covariance = sighting.covariance;
+  context_.calibration.Add(sighting);
+  anchor.covariance = context_.calibration.Cover(sighting);
   anchor.time_ns = frame.time_ns;
   anchor.inliers = sighting.inliers;
   anchor.residual_rms = sighting.residual_rms;

@@ -8,6 +8,7 @@
 
 #include "api/tracker.h"
 #include "client/anchor.h"
+#include "client/calibration_evidence.h"
 #include "client/local_tracker_options.h"
 #include "client/map_matcher.h"
 #include "client/map_watch.h"
@@ -31,6 +32,7 @@ struct TrackerContext {
   std::shared_ptr<const tracking::MapView> view;     // that the poses are in
   std::shared_ptr<const tracking::MapView> retired;  // goes to the watch with the next job
   std::function<bool()> out_of_time;                 // of the call under way; may be empty
+  CalibrationEvidence calibration;                   // by all images that were matched
 
   // Nothing if there is time left, else the reason of a loss.
   std::optional<std::string> OutOfTime() const {

@@ -98,6 +98,7 @@ void LocalTracker::Fill(const TrackStep& step, api::TrackAnswer* answer) const {
   const MapConnection connection = context_->watch->connection();
   answer->connected = connection.connected;
   answer->map_age_s = connection.age_s;
+  answer->focal_factor = context_->calibration.focal_factor();
   if (!tracker_->following().ok()) answer->note = std::string(tracker_->following().message());
   if (const Anchor* anchor = tracker_->anchor(); anchor != nullptr) {
     answer->matched_ns = anchor->time_ns;

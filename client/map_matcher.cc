@@ -87,7 +87,12 @@ Sighting MapMatcher::ToSighting(const tracking::MapView& view, const ImageFeatur
   sighting.place.map_from_camera = tracked.camera_from_map.Inverse();
   sighting.place.reference = tracked.reference;
   sighting.place.median_depth = tracked.median_depth;
-  sighting.covariance = optimization::CovarianceOfInverse(tracked.camera_from_map, tracked.covariance);
+  sighting.calibration = CalibrationBy(map, image, tracked);
+  const bool doubted = sighting.calibration && sighting.calibration->Contradicts();
+  const Matrix6d covariance =
+      doubted ? optimization::CoverFocal(tracked.camera_from_map, tracked.covariance, *sighting.calibration)
+              : tracked.covariance;
+  sighting.covariance = optimization::CovarianceOfInverse(tracked.camera_from_map, covariance);
   sighting.inliers = tracked.inliers;
   sighting.residual_rms = tracked.residual_rms;
   for (std::size_t i = 0; i < tracked.points.size(); ++i) {
@@ -99,6 +104,26 @@ Sighting MapMatcher::ToSighting(const tracking::MapView& view, const ImageFeatur
     sighting.depths.push_back({keypoint.x_px, keypoint.y_px, static_cast<float>(1.0 / depth), 0.0f});
   }
   return sighting;
+}
+
+std::optional<optimization::FocalEstimate> MapMatcher::CalibrationBy(const map::Snapshot& map,
+                                                                     const ImageFeatures& image,
+                                                                     const tracking::TrackedView& tracked) const {
+  std::vector<optimization::PoseObservation> observations;
+  for (std::size_t i = 0; i < tracked.points.size(); ++i) {
+    if (!tracked.points[i]) continue;
+    const image::Keypoint& keypoint = image.features.keypoints[i];
+    observations.push_back({map.point(tracked.points[i]).position, Vector2d(keypoint.x_px, keypoint.y_px),
+                            map.info().orb.Scale(keypoint.octave)});
+  }
+  // They agree already: a few steps from where they do.
+  optimization::PoseRefinementOptions few;
+  few.rounds = 1;
+  few.iterations_per_round = 3;
+  const auto estimate =
+      optimization::EstimateFocal(undistorter_->pinhole(), tracked.camera_from_map, observations, few);
+  if (!estimate.ok()) return std::nullopt;
+  return *estimate;
 }
 
 double MapMatcher::SupportOf(const map::Snapshot& map, const ImageFeatures& image,
@@ -176,6 +201,8 @@ absl::StatusOr<Sighting> MapMatcher::Find(const tracking::MapView& view, const I
   expected.place.median_depth = Median(depths);
   sighting = Match(view, image, expected);
   if (sighting.misplaced) return sighting;
+  // It has asked more than the matches around the pose.
+  if (sighting.calibration && found.place.focal_factor != 1.0) sighting.calibration->scale = found.place.focal_factor;
   if (sighting.found && sighting.inliers >= static_cast<int>(found.place.inliers.size()) / 2) return sighting;
   sighting = {};
   sighting.found = true;

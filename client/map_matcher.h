@@ -14,6 +14,7 @@
 #include "geometry/se3.h"
 #include "image/feature.h"
 #include "image/undistort.h"
+#include "optimization/focal_estimate.h"
 #include "tracking/local_map_tracker.h"
 #include "tracking/map_view.h"
 #include "tracking/relocalizer.h"
@@ -85,6 +86,8 @@ struct Sighting {
   Matrix6d covariance = Matrix6d::Zero();
   int inliers = 0;
   double residual_rms = 1.0;  // tracking::TrackedView::residual_rms
+  // What the matches say of the camera's calibration, if anything; the covariance covers it.
+  std::optional<optimization::FocalEstimate> calibration;
   // The points seen, where they are in the image, with 1 / depth in map units: a direct::KnownView.
   std::vector<direct::PacketPoint> depths;
 };
@@ -105,6 +108,8 @@ class MapMatcher {
 
  private:
   double SupportOf(const map::Snapshot& map, const ImageFeatures& image, const tracking::TrackedView& tracked) const;
+  std::optional<optimization::FocalEstimate> CalibrationBy(const map::Snapshot& map, const ImageFeatures& image,
+                                                           const tracking::TrackedView& tracked) const;
   Sighting ToSighting(const tracking::MapView& view, const ImageFeatures& image,
                       const tracking::TrackedView& tracked) const;
 

@@ -308,9 +308,10 @@ bool SemiDirectTracker::Contradicts(const WatchAnswer& answer) {
 
 void SemiDirectTracker::SetAnchor(const direct::FrameResult& direct, const Odometer& odometer, const Sighting& sighting,
                                   bool blend) {
+  context_.calibration.Add(sighting);
   Anchor anchor{direct,
                 sighting.place,
-                sighting.covariance,
+                context_.calibration.Cover(sighting),
                 direct.time_ns,
                 sighting.inliers,
                 sighting.residual_rms,

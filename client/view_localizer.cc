@@ -167,6 +167,7 @@ absl::StatusOr<api::LocalizeAnswer> ViewLocalizer::Locate(const tracking::MapVie
   answer.localized = found.localized;
   answer.stage = ToApi(found.stage);
   answer.reason = found.reason;
+  answer.focal_factor = found.place.focal_factor;
   answer.counts = {found.counts.features,    found.counts.candidates,     found.counts.word_matches,
                    found.counts.pnp_inliers, found.counts.guided_matches, found.counts.inliers};
   if (found.localized) static_cast<api::LocatedPose&>(answer) = ToApi(map, found.place, options_.map_error);

@@ -247,6 +247,7 @@ TEST(CStructs, TheTrackAnswerLosesNothing) {
   answer.track_ms = 10.0;
   answer.connected = false;
   answer.map_age_s = 11.0;
+  answer.focal_factor = 0.8;
   const cairn_track_answer c = client::ToC(answer);
   EXPECT_EQ(c.time_ns, 1);
   EXPECT_EQ(c.state, CAIRN_CARRIED);
@@ -267,6 +268,7 @@ TEST(CStructs, TheTrackAnswerLosesNothing) {
   EXPECT_EQ(c.track_ms, 10.0);
   EXPECT_EQ(c.connected, 0);
   EXPECT_EQ(c.map_age_s, 11.0);
+  EXPECT_EQ(c.focal_factor, 0.8);
 }
 
 }  // namespace

@@ -239,6 +239,7 @@ cairn_track_answer ToC(const v0::TrackAnswer& answer) {
   WriteString(answer.note, result.note, sizeof(result.note));
   result.connected = answer.connected ? 1 : 0;
   result.map_age_s = answer.map_age_s;
+  result.focal_factor = answer.focal_factor;
   return result;
 }
 

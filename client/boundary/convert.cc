@@ -175,6 +175,7 @@ v0::TrackAnswer ToPublic(const api::TrackAnswer& answer) {
   result.track_ms = answer.track_ms;
   result.connected = answer.connected;
   result.map_age_s = answer.map_age_s;
+  result.focal_factor = answer.focal_factor;
   return result;
 }
 

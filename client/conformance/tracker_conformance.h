@@ -196,6 +196,19 @@ TEST_P(TrackerConformance, FollowsAnotherCamera) {
   for (int i = 0; i < 40; ++i) ExpectPose(TrackAt(WalkAt(i)), WalkAt(i));
 }
 
+// As soon as enough images agree on it.
+TEST_P(TrackerConformance, AFocalLengthThatIsOffIsTold) {
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(TrackAt(WalkAt(i)).focal_factor, 1.0);
+  const Camera right = camera_;
+  Camera wrong = right;
+  wrong.fx_px *= 1.15;
+  wrong.fy_px *= 1.15;
+  Open(wrong);
+  api::TrackAnswer answer;
+  for (int i = 0; i < 60; ++i) answer = Track(TheConformanceMap().room.Render(right, WalkAt(i)));
+  EXPECT_NEAR(answer.focal_factor, 1.0 / 1.15, 0.06);
+}
+
 TEST_P(TrackerConformance, BadInputIsAnErrorAndChangesNothing) {
   const cv::Mat good = ImageAt(WalkAt(0));
   EXPECT_NE(Track(good).state, api::TrackState::kLost);

@@ -294,6 +294,7 @@ typedef struct cairn_track_answer {
   int32_t connected;            /**< 1: to the server of the map; always for a file */
   int32_t reserved;             /**< 0 */
   double map_age_s;             /**< since what is known of the map was the newest for certain; 0 for a file */
+  double focal_factor;          /**< what the camera's focal length should be multiplied by; 1: it fits */
 } cairn_track_answer;
 
 /** The version of the library that is loaded: "0.1.0". */

@@ -51,6 +51,9 @@ struct TrackAnswer {
   Revision revision = 0;  // of the map that the pose is from
   TimeNs matched_ns = 0;  // time of the last frame that was matched against the map; 0: none yet
   int inliers = 0;        // points of the map matched in that frame
+  // Where the frames until now contradict the camera that the tracker was opened with: what its focal length should be
+  // multiplied by; the covariance covers it. 1: they do not.
+  double focal_factor = 1.0;
   std::string note;  // what keeps the tracker from following the map (removed, damaged, no server); it goes on without
   // To who changes the map; a file is always within reach.
   bool connected = true;

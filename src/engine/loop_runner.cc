@@ -48,6 +48,9 @@ absl::StatusOr<bool> LoopRunner::Join(KeyframeId keyframe, mapping::MapHead& hea
   if (report.searched) search_ms_.Add(static_cast<float>(report.search_ms + report.verify_ms));
   expects_join_ = report.seen && !report.joined;
   if (expects_join_) ++joins_rejected_[report.rejected];
+  if (!report.joined && report.calibration_doubted && report.rejected != mapping::kCalibrationRefused) {
+    ++joins_rejected_[mapping::kCalibrationRefused];
+  }
   if (!report.joined) return false;
   Remember({begin, Clock::now()}, &corrections_);
   joins_.push_back(std::move(report));

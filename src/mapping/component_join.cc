@@ -143,6 +143,7 @@ absl::StatusOr<ComponentJoiner::Sighting> ComponentJoiner::Look(const tracking::
       const tracking::Relocalization found,
       relocalizer_.Relocalize(map, *view.places(), map.pinhole(keyframe.camera), keyframe.features->features,
                               tracking::SearchArea::Except(keyframe.component)));
+  sighting.calibration_doubted = found.place.focal_factor != 1.0;
   if (!found.localized) return sighting;
   sighting.other = map.keyframe(found.place.reference_keyframe).component;
   sighting.camera_from_other = found.place.camera_from_map;
@@ -247,7 +248,7 @@ bool ComponentJoiner::CameraFits(const map::Snapshot& map, const Sighting& newes
   if (!result.ok()) return true;  // too little to tell
   const LensReport lens = JudgeLens(*result, map.pinhole(camera), options_.lens);
   if (!lens.another_camera || lens.gain < options_.lens.min_gain) return true;
-  report->rejected = "the camera does not see there what its calibration says: calibrate it";
+  report->rejected = kCalibrationRefused;
   return false;
 }
 
@@ -339,6 +340,7 @@ absl::StatusOr<JoinReport> ComponentJoiner::Process(KeyframeId keyframe_id, std:
   Stopwatch watch;
   CAIRN_ASSIGN_OR_RETURN(Sighting sighting, Look(*view, *keyframe));
   report.search_ms = watch.LapMs();
+  report.calibration_doubted = sighting.calibration_doubted;
   sightings_.push_back(sighting);
   while (static_cast<int>(sightings_.size()) > options_.remembered) sightings_.pop_front();
   if (!sighting.other) return report;

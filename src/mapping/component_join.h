@@ -50,16 +50,20 @@ struct WorldGap {
   double turn_deg = 0.0;
 };
 
+// JoinReport::rejected where the camera of the keyframes does not fit what they see in the other component.
+inline constexpr char kCalibrationRefused[] = "the camera does not see there what its calibration says: calibrate it";
+
 struct JoinReport {
   KeyframeId current;
   bool searched = false;  // false: there is no other component
   bool seen = false;      // the keyframe was found in another component
   ComponentId seen_in;    // if seen
   bool joined = false;
-  ComponentId component;  // if joined: that is gone ...
-  ComponentId into;       // ... and that it is part of now
-  std::string rejected;   // if seen, but not joined: what was missing
-  LoopEvidence evidence;  // if verified
+  ComponentId component;             // if joined: that is gone ...
+  ComponentId into;                  // ... and that it is part of now
+  std::string rejected;              // if seen, but not joined: what was missing
+  bool calibration_doubted = false;  // the keyframe fits the other component with another calibration than its own
+  LoopEvidence evidence;             // if verified
   int sightings_agreeing = 0;
   int sightings_checked = 0;
   int fused_points = 0;
@@ -84,6 +88,7 @@ class ComponentJoiner {
  private:
   // Where a keyframe was found.
   struct Sighting {
+    bool calibration_doubted = false;  // JoinReport::calibration_doubted
     KeyframeId keyframe;
     ComponentId own, other;     // none: it was not found
     SE3 camera_from_other;      // frame of the other component

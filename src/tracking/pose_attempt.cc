@@ -1,12 +1,15 @@
 #include "tracking/pose_attempt.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "optimization/focal_estimate.h"
+#include "tracking/calibration_search.h"
 #include "tracking/view_support.h"
 
 namespace cairn::tracking {
@@ -14,9 +17,13 @@ namespace {
 
 using optimization::PoseObservation;
 
-// Maps that are bent a little move the focal length of single images by so much.
-constexpr double kUsualFocalError = 0.0075;
-constexpr double kDoubtSigmas = 3.0;
+// Where fewer than so many of the matches agree with the pose, another calibration is looked for.
+constexpr double kExplained = 0.5;
+// If none is found, the matches around the pose, which agree with it by their choice, do not tell the focal length
+// better than so much (of its logarithm).
+constexpr double kUnexplainedSigma = 0.04;
+constexpr int kCalibrationRounds = 3;
+constexpr double kConvergedLogFocal = 0.01;
 constexpr double kViewMargin = 0.15;  // around the image, share of its width
 
 void Miss(RelocalizationStage stage, std::string reason, Relocalization* attempt) {
@@ -168,20 +175,121 @@ bool Guide(const ImageQuery& query, const RelocalizerOptions& options, Estimate*
   return true;
 }
 
-// The covariance of the pose, covering where it would be with the focal length that the matches show.
-void DoubtFocal(const ImageQuery& query, Estimate* estimate, FoundPlace* place) {
-  const auto focal = optimization::EstimateFocal(query.pinhole, estimate->camera_from_map, estimate->observations);
-  if (!focal.ok()) return;  // the matches leave it open
-  const double off = std::abs(std::log(focal->scale));
-  if (off < std::max(kUsualFocalError, kDoubtSigmas * focal->log_sigma)) return;
-  estimate->covariance = optimization::CoverFocal(estimate->camera_from_map, estimate->covariance, *focal);
-  if (focal->Contradicts()) place->focal_factor = focal->scale;
+// The estimate against the calibration that the query came with, if it was made from another one.
+optimization::FocalEstimate Against(const Pinhole& query, const Pinhole& start,
+                                    const optimization::FocalEstimate& estimate) {
+  const Pinhole corrected = estimate.Corrected(start);
+  optimization::FocalEstimate total = estimate;
+  total.scale = corrected.fx_px / query.fx_px;
+  total.principal_shift = Vector2d(corrected.cx_px - query.cx_px, corrected.cy_px - query.cy_px) /
+                          std::max(query.width_px, query.height_px);
+  return total;
 }
 
-FoundPlace ToPlace(const ImageQuery& query, Estimate estimate) {
+// Guided search with another calibration, which is estimated anew by what is found.
+struct Recalibrated {
+  optimization::FocalEstimate calibration;  // against the query's
+  Estimate estimate;                        // with it
+  RelocalizationCounts counts;
+};
+
+std::optional<Recalibrated> Recalibrate(const ImageQuery& query, const RelocalizerOptions& options,
+                                        const Pinhole& start, Estimate estimate) {
+  Recalibrated result;
+  result.estimate = std::move(estimate);
+  Pinhole pinhole = start;
+  for (int round = 0; round < kCalibrationRounds; ++round) {
+    const Pinhole tried = pinhole;
+    const ImageQuery with{query.map, query.places, tried, query.features, query.grid, query.words};
+    if (!Guide(with, options, &result.estimate, &result.counts)) return std::nullopt;
+    const auto calibration =
+        optimization::EstimateFocal(tried, result.estimate.camera_from_map, result.estimate.observations);
+    if (!calibration.ok()) return std::nullopt;
+    result.calibration = Against(query.pinhole, tried, *calibration);
+    result.estimate.camera_from_map = calibration->camera_from_map;
+    pinhole = calibration->Corrected(tried);
+    if (std::abs(std::log(calibration->scale)) < kConvergedLogFocal) break;
+  }
+  return result;
+}
+
+Estimate StartOf(const OtherCalibration& other, std::span<const GroupMatch> matches) {
+  Estimate estimate;
+  estimate.camera_from_map = other.camera_from_map;
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (other.inlier[i]) estimate.inliers.push_back({matches[i].point, matches[i].feature});
+  }
+  return estimate;
+}
+
+std::vector<PoseObservation> ObservationsOf(const ImageQuery& query, std::span<const GroupMatch> matches) {
+  std::vector<PoseObservation> observations;
+  for (const GroupMatch& match : matches) {
+    observations.push_back(query.Observation(query.map.point(match.point).position, match.feature));
+  }
+  return observations;
+}
+
+// The calibration that the matches around the pose show if its principal point is far from where it should be.
+std::optional<optimization::FocalEstimate> PrincipalElsewhere(const ImageQuery& query, const Estimate& estimate) {
+  optimization::PoseRefinementOptions few;
+  few.rounds = 2;
+  few.iterations_per_round = 3;
+  const auto joint = optimization::EstimateFocal(query.pinhole, estimate.camera_from_map, estimate.observations, few,
+                                                 optimization::FocalPrior::WithPrincipalPoint());
+  if (!joint.ok() || !joint->PrincipalContradicts()) return std::nullopt;
+  return *joint;
+}
+
+// What the image says of its calibration: by the matches around the pose, and, where these contradict it, or many of
+// the others do not agree with the pose, by what another calibration finds.
+std::optional<optimization::FocalEstimate> JudgeCalibration(const ImageQuery& query, const RelocalizerOptions& options,
+                                                            std::span<const GroupMatch> matches,
+                                                            const Estimate& estimate) {
+  const auto own = optimization::EstimateFocal(query.pinhole, estimate.camera_from_map, estimate.observations);
+  const std::vector<PoseObservation> all = ObservationsOf(query, matches);
+  const int agree = CountInliers(query.pinhole, estimate.camera_from_map, all);
+  std::optional<optimization::FocalEstimate> doubted;
+  if (own.ok() && own->Contradicts()) doubted = *own;
+  if (auto elsewhere = PrincipalElsewhere(query, estimate)) doubted = std::move(elsewhere);
+  std::optional<Recalibrated> better;
+  const bool explained = agree >= kExplained * static_cast<double>(all.size());
+  if (doubted || !own.ok() || !explained) {
+    auto other = SearchCalibration(query.pinhole, estimate.camera_from_map, all);
+    // From a pose that is nowhere near, no way leads to the right one.
+    if (!explained && !(other && ManyMore(other->num_inliers, agree))) {
+      other = SearchCalibration(query.pinhole, all, options.pnp);
+    }
+    if (other && ManyMore(other->num_inliers, agree)) {
+      better = Recalibrate(query, options, other->pinhole, StartOf(*other, matches));
+    } else if (doubted) {
+      Estimate start = estimate;
+      start.camera_from_map = doubted->camera_from_map;
+      better = Recalibrate(query, options, doubted->Corrected(query.pinhole), std::move(start));
+    }
+  }
+  if (better && better->estimate.inliers.size() >= estimate.inliers.size()) return better->calibration;
+  if (doubted) return doubted;
+  if (!own.ok()) return std::nullopt;
+  optimization::FocalEstimate open = *own;
+  if (!explained) open.log_sigma = std::max(open.log_sigma, kUnexplainedSigma);
+  return open;
+}
+
+// The covariance of the pose, covering where it would be with the calibration that the matches show.
+void DoubtCalibration(const ImageQuery& query, const RelocalizerOptions& options, std::span<const GroupMatch> matches,
+                      Estimate* estimate, FoundPlace* place) {
+  const auto calibration = JudgeCalibration(query, options, matches, *estimate);
+  if (!calibration) return;
+  estimate->covariance = optimization::CoverFocal(estimate->camera_from_map, estimate->covariance, *calibration);
+  if (calibration->Contradicts()) place->focal_factor = calibration->scale;
+}
+
+FoundPlace ToPlace(const ImageQuery& query, const RelocalizerOptions& options, std::span<const GroupMatch> matches,
+                   bool accepted, Estimate estimate) {
   FoundPlace place;
   place.camera_from_map = estimate.camera_from_map;
-  DoubtFocal(query, &estimate, &place);
+  if (accepted) DoubtCalibration(query, options, matches, &estimate, &place);
   place.covariance = optimization::CovarianceOfInverse(estimate.camera_from_map, estimate.covariance);
   place.fit = estimate.fit;
   place.fit.inliers = static_cast<int>(estimate.inliers.size());
@@ -206,10 +314,7 @@ absl::StatusOr<Relocalization> AttemptPose(const ImageQuery& query, KeyframeId f
     return attempt;
   }
 
-  std::vector<PoseObservation> observations;
-  for (const GroupMatch& match : matches) {
-    observations.push_back(query.Observation(query.map.point(match.point).position, match.feature));
-  }
+  const std::vector<PoseObservation> observations = ObservationsOf(query, matches);
   PnpOptions pnp = options.pnp;
   pnp.seed += number * 0x9E3779B97F4A7C15ull;
   CAIRN_ASSIGN_OR_RETURN(const PnpSolution solution, SolvePnpRansac(query.pinhole, observations, pnp));
@@ -232,7 +337,7 @@ absl::StatusOr<Relocalization> AttemptPose(const ImageQuery& query, KeyframeId f
     return attempt;
   }
   std::string objection = Objection(estimate, attempt.counts, estimate.covariance, options);
-  attempt.place = ToPlace(query, std::move(estimate));
+  attempt.place = ToPlace(query, options, matches, objection.empty(), std::move(estimate));
   if (!objection.empty()) {
     Miss(RelocalizationStage::kRefinement, std::move(objection), &attempt);
     return attempt;
@@ -241,6 +346,19 @@ absl::StatusOr<Relocalization> AttemptPose(const ImageQuery& query, KeyframeId f
   attempt.beyond_doubt = IsStrong(attempt.counts, options);
   attempt.stage = RelocalizationStage::kDone;
   return attempt;
+}
+
+std::optional<CalibrationFit> FitWithAnotherCalibration(const ImageQuery& query, std::span<const GroupMatch> matches,
+                                                        int as_calibrated, const RelocalizerOptions& options) {
+  const auto other = SearchCalibration(query.pinhole, ObservationsOf(query, matches), options.pnp);
+  if (!other || other->num_inliers < options.min_word_matches || !ManyMore(other->num_inliers, as_calibrated)) {
+    return std::nullopt;
+  }
+  const auto found = Recalibrate(query, options, other->pinhole, StartOf(*other, matches));
+  if (!found || !found->calibration.Contradicts()) return std::nullopt;
+  if (!Objection(found->estimate, found->counts, found->estimate.covariance, options).empty()) return std::nullopt;
+  return CalibrationFit{found->calibration.scale, found->counts.inliers,
+                        ReferenceKeyframe(query.map, found->estimate.inliers)};
 }
 
 }  // namespace cairn::tracking

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "base/status.h"
@@ -39,5 +40,15 @@ struct ImageQuery {
 absl::StatusOr<Relocalization> AttemptPose(const ImageQuery& query, KeyframeId founder,
                                            std::span<const GroupMatch> matches, std::uint64_t number,
                                            const RelocalizationCounts& counts, const RelocalizerOptions& options);
+
+// Of an image that was missed: the calibration with which it would be accepted, told by its focal length.
+struct CalibrationFit {
+  double focal_factor = 1.0;  // what that of the query is to be multiplied by
+  int inliers = 0;
+  KeyframeId reference;
+};
+// `as_calibrated` of the matches agreed with the query's own.
+std::optional<CalibrationFit> FitWithAnotherCalibration(const ImageQuery& query, std::span<const GroupMatch> matches,
+                                                        int as_calibrated, const RelocalizerOptions& options);
 
 }  // namespace cairn::tracking

@@ -38,6 +38,8 @@ ComponentId ComponentOf(const map::Snapshot& map, const FoundPlace& place) {
   return map.keyframe(place.reference_keyframe).component;
 }
 
+double Rounded(double factor) { return std::round(1000.0 * factor) / 1000.0; }
+
 // How many features are matched with the same points.
 std::size_t SharedMatches(const FoundPlace& a, const FoundPlace& b) {
   std::size_t shared = 0;
@@ -59,6 +61,14 @@ bool SamePlace(const map::Snapshot& map, const FoundPlace& a, const FoundPlace& 
   const SE3 a_from_b = a.camera_from_map * b.camera_from_map.Inverse();
   return a_from_b.translation().norm() <= kSameDistance * std::max(a.fit.median_depth, b.fit.median_depth) &&
          AngleRad(a_from_b.rotation()) <= kSameAngleDeg * std::numbers::pi / 180.0;
+}
+
+// Of two attempts at one place, what the one with fewer matches has found out about the calibration: it may have asked
+// better ones.
+void ShareDoubt(const FoundPlace& from, FoundPlace* to) {
+  if (from.focal_factor == 1.0 || to->focal_factor != 1.0) return;
+  to->focal_factor = from.focal_factor;
+  to->covariance += from.covariance;
 }
 
 // The keyframes that see some of what was found, and their neighbours.
@@ -97,7 +107,10 @@ class PlaceSearch {
       return std::move(miss_);
     }
     CAIRN_RETURN_IF_ERROR(Find(SelectGroups(groups, options_.max_groups, options_.min_group_score * groups[0].score)));
-    if (found_.empty()) return std::move(miss_);
+    if (found_.empty()) {
+      DoubtCalibration();
+      return std::move(miss_);
+    }
     if (options_.max_rivals > 0) CAIRN_RETURN_IF_ERROR(AskRivals(groups, candidates.size()));
     return Result();
   }
@@ -147,16 +160,20 @@ class PlaceSearch {
     if (attempt.localized) CheckPrior(&attempt);
     Note(group, attempt);
     if (!attempt.localized) {
-      if (miss_.reason.empty() || Better(attempt, miss_)) miss_ = std::move(attempt);
+      if (miss_.reason.empty() || Better(attempt, miss_)) {
+        miss_ = std::move(attempt);
+        missed_matches_ = matches;
+      }
       return absl::OkStatus();
     }
     const auto same = std::ranges::find_if(
         found_, [&](const Relocalization& other) { return SamePlace(query_.map, other.place, attempt.place); });
     if (same == found_.end()) {
       found_.push_back(std::move(attempt));
-    } else if (attempt.counts.inliers > same->counts.inliers) {
-      *same = std::move(attempt);
+      return absl::OkStatus();
     }
+    if (attempt.counts.inliers > same->counts.inliers) std::swap(attempt, *same);
+    ShareDoubt(attempt.place, &same->place);
     return absl::OkStatus();
   }
 
@@ -179,6 +196,17 @@ class PlaceSearch {
     attempt->reason = absl::StrCat("the image fits the map where keyframe ", attempt->place.reference_keyframe.value(),
                                    " is, ", std::lround(std::min(sigmas, 1e6)),
                                    " standard deviations from the prior, at most ", kMaxPriorSigmas, " allowed");
+  }
+
+  // Whether the image was missed for its calibration.
+  void DoubtCalibration() {
+    if (miss_.stage != RelocalizationStage::kPnp && miss_.stage != RelocalizationStage::kRefinement) return;
+    const auto fit = FitWithAnotherCalibration(query_, missed_matches_, miss_.counts.pnp_inliers, options_);
+    if (!fit) return;
+    miss_.place.focal_factor = fit->focal_factor;
+    miss_.reason = absl::StrCat("the calibration does not fit: with a focal length x ", Rounded(fit->focal_factor),
+                                " the image fits the map where keyframe ", fit->reference.value(), " is, with ",
+                                fit->inliers, " inliers; as it is, ", miss_.reason);
   }
 
   // The best group; unless that is beyond doubt, the others, most matches first.
@@ -237,9 +265,10 @@ class PlaceSearch {
   const ImageQuery& query_;
   const RelocalizerOptions& options_;
   const SearchArea& area_;
-  RelocalizationTrace* const trace_;   // null: nobody asks
-  std::vector<Relocalization> found_;  // each at a place of its own
-  Relocalization miss_;                // that got furthest
+  RelocalizationTrace* const trace_;        // null: nobody asks
+  std::vector<Relocalization> found_;       // each at a place of its own
+  Relocalization miss_;                     // that got furthest, ...
+  std::vector<GroupMatch> missed_matches_;  // ... and what it was tried with
   std::uint64_t tried_ = 0;
 };
 

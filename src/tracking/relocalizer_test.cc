@@ -93,6 +93,47 @@ TEST(Relocalizer, ACameraWithAnotherLensIsFine) {
   EXPECT_LT(CenterError(answer->place.camera_from_map, truth), 0.02);
 }
 
+// Every answer is right within five standard deviations, or says that the calibration does not fit. (With half the
+// focal length and less a wall alone, seen straight, is further off than what is taken for the worst there.)
+TEST(Relocalizer, AWrongCalibrationIsToldOrCovered) {
+  const Scene& scene = Scene::Get();
+  int told = 0, images = 0;
+  for (const double factor : {0.65, 0.8, 0.9, 0.95, 1.05, 1.1, 1.25, 1.5, 1.6}) {
+    for (int i = 0; i < 6; ++i) {
+      const SE3 truth = Look(Vector3d(-1.2 + 0.4 * i, 0.2, -1.6), 0.25 * std::sin(i));
+      Pinhole wrong = kPinhole;
+      wrong.fx_px *= factor;
+      wrong.fy_px *= factor;
+      const View view = scene.See(truth, 300 + i);
+      const auto answer = Relocalizer().Relocalize(*scene.map, *scene.places, wrong, view.features);
+      ASSERT_TRUE(answer.ok()) << answer.status();
+      const bool says = answer->place.focal_factor != 1.0;
+      ++images;
+      told += says ? 1 : 0;
+      if (says && answer->localized) {
+        EXPECT_NEAR(std::log(answer->place.focal_factor * factor), 0.0, 0.08) << factor;
+      }
+      if (!answer->localized) {
+        EXPECT_EQ(says, answer->reason.find("the calibration does not fit") != std::string::npos) << answer->reason;
+        continue;
+      }
+      const Vector6d error = (answer->place.camera_from_map.Inverse() * truth).Log();
+      const bool covered = error.dot(answer->place.covariance.ldlt().solve(error)) < 25.0 * 6.0;
+      EXPECT_TRUE(says || covered) << factor << ", image " << i;
+    }
+  }
+  EXPECT_GT(told, 0.6 * images);  // what is 5 % off is covered
+}
+
+TEST(Relocalizer, ARightCalibrationIsNotDoubted) {
+  const Scene& scene = Scene::Get();
+  for (int i = 0; i < 40; ++i) {
+    const SE3 truth = Look(Vector3d(-1.6 + 0.08 * i, 0.2, -1.6), 0.3 * std::sin(i));
+    const Relocalization answer = Locate(scene, scene.See(truth, 500 + i).features);
+    EXPECT_EQ(answer.place.focal_factor, 1.0) << i;
+  }
+}
+
 TEST(Relocalizer, SaysWhichStageFailed) {
   const Scene& scene = Scene::Get();
   const SE3 truth = Look({0, 0, -2}, 0.0);

@@ -108,7 +108,11 @@ void ToProto(const api::LocalizeAnswer& answer, Answer* out) {
     WritePose(rival, pose);
     pose->set_inliers(rival.inliers);
   }
-  if (answer.localized) WritePose(answer, out);
+  if (answer.localized) {
+    WritePose(answer, out);
+  } else {
+    out->set_focal_factor(answer.focal_factor);
+  }
 }
 
 absl::StatusOr<api::LocalizeAnswer> FromProto(const Answer& message) {
@@ -129,7 +133,10 @@ absl::StatusOr<api::LocalizeAnswer> FromProto(const Answer& message) {
     CAIRN_RETURN_IF_ERROR(ReadPose(rival, &answer.rivals.emplace_back()));
     answer.rivals.back().inliers = rival.inliers();
   }
-  if (!answer.localized) return answer;
+  if (!answer.localized) {
+    if (message.focal_factor() > 0.0) answer.focal_factor = message.focal_factor();
+    return answer;
+  }
   CAIRN_RETURN_IF_ERROR(ReadPose(message, &answer));
   answer.inliers = answer.counts.inliers;
   return answer;

@@ -45,6 +45,7 @@ void ToProto(const api::TrackAnswer& answer, v1::TrackAnswer* out) {
   out->set_inliers(answer.inliers);
   out->set_note(answer.note);
   out->set_track_ms(answer.track_ms);
+  out->set_focal_factor(answer.focal_factor);
   if (answer.state == api::TrackState::kLost) return;
   ToProto(answer.map_from_camera, out->mutable_map_from_camera());
   out->set_component(answer.component.value());
@@ -66,6 +67,7 @@ absl::StatusOr<api::TrackAnswer> FromProto(const v1::TrackAnswer& message) {
   answer.inliers = message.inliers();
   answer.note = message.note();
   answer.track_ms = message.track_ms();
+  if (message.focal_factor() > 0.0) answer.focal_factor = message.focal_factor();
   if (answer.state == api::TrackState::kLost) return answer;
   CAIRN_ASSIGN_OR_RETURN(answer.map_from_camera, FromProto(message.map_from_camera()));
   answer.component = ComponentId(message.component());

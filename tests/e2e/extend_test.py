@@ -101,6 +101,7 @@ class Office(unittest.TestCase):
         report = must('run', self.visits[1], '--map', file, '--extend', '--camera', camera, '--deterministic')
         self.assertEqual((report['result'], report['joined']), ('apart', []))
         self.assertTrue(any('calibrat' in reason for reason in report['joins_rejected']), report['joins_rejected'])
+        self.assertTrue(report['calibration_contradicted'], report['joins_rejected'])
 
     def test_a_camera_that_is_known_keeps_its_name(self):
         file = pathlib.Path(shutil.copy(self.first_only, self.folder / 'named.cairn'))

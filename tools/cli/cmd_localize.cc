@@ -55,7 +55,8 @@ struct LocalizeOptions {
 struct Summary {
   std::int64_t frames = 0;
   std::int64_t localized = 0;
-  std::vector<double> focal_factors;           // of answers that contradict the calibration
+  std::vector<double> focal_factors;           // of images that contradict the calibration
+  std::int64_t missed_by_calibration = 0;      // those of them that would be located with another one
   std::int64_t elsewhere = 0;                  // of these, in a component whose frame is not that of the files
   std::map<std::string, std::int64_t> misses;  // by stage
   SampleReservoir latency_ms;
@@ -73,9 +74,9 @@ struct Summary {
     map_id = answer.map_id;
     revision = answer.revision;
     lens = answer.lens;
+    if (answer.focal_factor != 1.0) focal_factors.push_back(answer.focal_factor);
     if (answer.localized) {
       ++localized;
-      if (answer.focal_factor != 1.0) focal_factors.push_back(answer.focal_factor);
       // A map that is aligned meanwhile: from then on its answers are in another frame.
       if (std::ranges::find(together, answer.component) == together.end() || answer.world_is_metric != metric) {
         ++elsewhere;
@@ -84,6 +85,7 @@ struct Summary {
       }
     } else {
       ++misses[api::LocalizeStageName(answer.stage)];
+      if (answer.focal_factor != 1.0) ++missed_by_calibration;
     }
   }
 };
@@ -120,7 +122,8 @@ void PrintLensUse(api::LensUse lens) {
 
 // Single images may err; not half of them.
 bool CalibrationContradicted(const Summary& summary) {
-  return 2 * static_cast<std::int64_t>(summary.focal_factors.size()) > summary.localized;
+  return 2 * static_cast<std::int64_t>(summary.focal_factors.size()) >
+         summary.localized + summary.missed_by_calibration;
 }
 
 void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::int64_t skipped, bool interrupted) {
@@ -158,10 +161,14 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
   PrintLensUse(summary.lens);
   if (CalibrationContradicted(summary)) {
     std::printf(
-        "  WARNING: the calibration does not fit the images, %zu of %lld show a focal length of about x %.3f: the "
-        "poses are "
-        "off, and less sure than usual; calibrate the camera\n",
-        summary.focal_factors.size(), static_cast<long long>(summary.localized), Median(summary.focal_factors));
+        "  WARNING: the calibration does not fit the images, %zu of %lld show another one, with a focal length of "
+        "about "
+        "x %.3f: the poses are off, and less sure than usual%s; calibrate the camera\n",
+        summary.focal_factors.size(), static_cast<long long>(summary.localized + summary.missed_by_calibration),
+        Median(summary.focal_factors),
+        summary.missed_by_calibration > 0
+            ? absl::StrCat(", and ", summary.missed_by_calibration, " images were missed for it").c_str()
+            : "");
   }
   if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }

@@ -101,6 +101,7 @@ struct TrackSummary {
   bool in_map_units = false;              // as which some of them are
   std::string map_id;
   std::string note;
+  double focal_factor = 1.0;      // that the frames show at last, if they contradict the calibration
   std::int64_t disconnected = 0;  // frames that were answered without the server
   double map_age_s = 0.0;         // the most that what was known of the map had lagged behind
   Revision revision = 0;
@@ -117,6 +118,7 @@ struct TrackSummary {
     map_id = answer.map_id;
     revision = answer.revision;
     note = answer.note;
+    if (answer.focal_factor != 1.0 || answer.state != api::TrackState::kLost) focal_factor = answer.focal_factor;
     if (!answer.connected) ++disconnected;
     map_age_s = std::max(map_age_s, answer.map_age_s);
     if (answer.state == api::TrackState::kLost) {
@@ -299,6 +301,8 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
                  {"frames_dropped", summary.dropped},
                  {"frames_out_of_order", summary.refused},
                  {"interrupted", interrupted},
+                 {"calibration_contradicted", summary.focal_factor != 1.0},
+                 {"focal_factor", summary.focal_factor},
                  {"track_ms", SampleStatistics(summary.track_ms)},
                  {"cpu_s_per_s", cpu_per_s},
                  {"elapsed_s", summary.wall_s},
@@ -333,6 +337,12 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
   if (summary.disconnected > 0) {
     std::printf("  %lld frames without the server, in what was known of the map, up to %.1f s old\n",
                 static_cast<long long>(summary.disconnected), summary.map_age_s);
+  }
+  if (summary.focal_factor != 1.0) {
+    std::printf(
+        "  WARNING: the calibration does not fit the images, which show another one, with a focal length of about x "
+        "%.3f: the poses are off, and less sure than usual; calibrate the camera\n",
+        summary.focal_factor);
   }
   if (!summary.note.empty()) std::printf("  the map was not followed: %s\n", text::Shown(summary.note).c_str());
   if (interrupted) std::printf("  interrupted: this is what was done until then\n");

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <utility>
 
+#include "absl/strings/str_format.h"
 #include "cli/component_report.h"
 #include "text/text.h"
 
@@ -39,6 +40,13 @@ void AddPose(const api::LocatedPose& answer, nlohmann::ordered_json* json) {
   (*json)["component"] = answer.component.value();
 }
 
+// A focal length that is right leaves the principal point.
+std::string WhatFits(double focal_factor) {
+  const std::string focal = absl::StrFormat("focal length x %.3f", focal_factor);
+  constexpr double kNearlyRight = 0.03;
+  return std::abs(focal_factor - 1.0) < kNearlyRight ? absl::StrCat(focal, ", principal point elsewhere") : focal;
+}
+
 void PrintRivals(const api::LocalizeAnswer& answer) {
   for (const api::LocatedPose& rival : answer.rivals) {
     const Vector3d& t = (InWorld(rival) ? rival.world_from_camera : rival.map_from_camera).translation();
@@ -59,6 +67,7 @@ nlohmann::ordered_json AnswerToJson(const api::LocalizeAnswer& answer, const std
   } else {
     json["failed_stage"] = api::LocalizeStageName(answer.stage);
     json["reason"] = answer.reason;
+    if (answer.focal_factor != 1.0) json["focal_factor"] = answer.focal_factor;
   }
   if (!answer.rivals.empty()) {
     json["ambiguous"] = nlohmann::ordered_json::array();
@@ -87,7 +96,7 @@ void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& p
                 InWorld(answer) ? "m" : "(map units)", answer.counts.inliers, answer.extract_ms + answer.locate_ms);
     if (answer.components > 1) std::printf(", in component %u", answer.component.value());
     if (answer.focal_factor != 1.0) {
-      std::printf(", but the calibration does not fit: focal length x %.3f", answer.focal_factor);
+      std::printf(", but the calibration does not fit: %s", WhatFits(answer.focal_factor).c_str());
     }
     std::printf("\n");
   } else {

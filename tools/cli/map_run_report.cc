@@ -146,6 +146,22 @@ void PrintDoubt(const engine::SessionReport& report) {
   }
 }
 
+// How many keyframes show another calibration, against the rest of the map; 0 if these are too few to tell.
+int ContradictCalibration(const engine::SessionReport& report) {
+  constexpr int kEnough = 3;
+  const auto found = report.joins_rejected.find(mapping::kCalibrationRefused);
+  return found != report.joins_rejected.end() && found->second >= kEnough ? found->second : 0;
+}
+
+void PrintCalibration(const engine::SessionReport& report) {
+  if (const int keyframes = ContradictCalibration(report); keyframes > 0) {
+    std::printf(
+        "WARNING: the calibration does not fit: %d keyframes show another focal length, or principal point, against "
+        "the rest of the map; what was mapped is bent, and not joined where it shows; calibrate the camera\n",
+        keyframes);
+  }
+}
+
 // "found in component 1 after 0.4 s (joined at 2.1 s)", "component 2, joined component 1 at 12.3 s", or what it means
 // that neither happened.
 std::string WhereItIs(const engine::SessionReport& report, const map::Session& session) {
@@ -215,6 +231,7 @@ nlohmann::ordered_json ReportAsJson(const std::string& map_name, const engine::S
         report.located ? nlohmann::ordered_json(ToSeconds(report.located->time_ns - session.first_ns)) : nullptr},
        {"joined", JoinsAsJson(report, session.first_ns)},
        {"joins_rejected", report.joins_rejected},
+       {"calibration_contradicted", ContradictCalibration(report) > 0},
        {"components", SharesAsJson(map, report, session.first_ns)},
        {"feature_losses", report.feature_losses},
        {"loops", LoopsAsJson(session)},
@@ -239,6 +256,7 @@ void PrintForPeople(const RunOptions& options, const engine::SessionReport& repo
                     const io::SourceInfo& info, const FeedReport& feed, const InterruptWatch& interrupt,
                     std::optional<std::int64_t> live_poses) {
   PrintDoubt(report);
+  PrintCalibration(report);
   std::printf("%s: %lld keyframes, %lld points\n", text::Shown(options.map).c_str(),
               static_cast<long long>(report.keyframes), static_cast<long long>(report.points));
   if (const std::string where = WhereItIs(report, session); !where.empty()) std::printf("  %s\n", where.c_str());

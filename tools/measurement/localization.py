@@ -150,6 +150,20 @@ class Localization:
                     'unsure': sum(row[2] > 25 for row in rows) / max(1, len(rows))}
         return self.once(f'focal {off}', one)
 
+    def kitchen_focal(self, off):
+        """Every sixth later image of the kitchen, with a focal length that is another one: what no answer may be silent about."""
+        def one(run):
+            folder, map_file, camera = DATA / 'redkitchen', self.kitchen_map(run), self.path(f'kitchen_focal_{off}.yaml')
+            camera.write_text('model: pinhole\nresolution_px: [640, 480]\n'
+                              f'intrinsics_px: [{525 * off}, {525 * off}, 320, 240]\ndistortion: []\n')
+            answer = self.images(folder, map_file, '--camera', camera, '--from', 20, '--stride', 1 if off == 1 else 6)
+            told = [image for image in answer['images'] if 'focal_factor' in image]
+            silent = [image for image in answer['images'] if 'focal_factor' not in image]
+            rows = judged({'images': silent}, folder / 'reference_sfm.txt')
+            return {'told': sum(image['localized'] for image in told) / max(1, answer['localized']),
+                    'silent': float(sum(row[2] > 25 for row in rows)), 'located': answer['localized_share']}
+        return self.once(f'kitchen focal {off}', lambda: median_of_runs(self.runs, one))
+
     def alike_corridors(self):
         """Images of another visit to a corridor with two sides that are exactly alike, in the map of both."""
         def one(seed):

@@ -117,6 +117,9 @@ struct TrackAnswer {
   /// To the server of the map; a file is always within reach. Without it what is known of the map goes on to answer.
   bool connected = true;
   double map_age_s = 0.0;  ///< since what is known of the map was the newest for certain; 0 for a file
+  /// Where the images until now contradict the camera that was given: what its focal length should be multiplied by.
+  /// The covariance covers it. 1: they do not.
+  double focal_factor = 1.0;
 };
 
 CAIRN_END_NAMESPACE
