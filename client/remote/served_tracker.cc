@@ -42,6 +42,7 @@ absl::Status ServedTracker::Exchange(const v1::TrackFramesRequest& request, v1::
 
 absl::Status ServedTracker::Connect() {
   if (stream_ != nullptr) return absl::OkStatus();
+  if (options_.shown != nullptr) shown_ = options_.shown->Text();
   context_ = std::make_unique<grpc::ClientContext>();
   stream_ = stub_->TrackFrames(context_.get());
   v1::TrackFramesRequest request;
@@ -64,7 +65,11 @@ absl::StatusOr<api::TrackAnswer> ServedTracker::Track(const api::TrackFrame& fra
       return Exchange(request, &response);
     };
     Outage outage(options_, channel_.get());
-    const auto with_token = [&] { return WithToken(options_, attempt); };
+    // The stream goes on with the token that it was opened with, whatever other calls have found since.
+    const auto with_token = [&] {
+      const absl::Status status = attempt();
+      return options_.shown != nullptr && options_.shown->Renewed(status, shown_) ? attempt() : status;
+    };
     absl::Status status = with_token();
     while (IsOutage(status) && outage.Wait(status)) status = with_token();
     CAIRN_RETURN_IF_ERROR(status);

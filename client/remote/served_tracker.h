@@ -38,6 +38,7 @@ class ServedTracker final : public api::Tracker {
   const std::unique_ptr<v1::Track::Stub> stub_;
   const std::string map_;
   const Camera camera_;
+  std::string shown_;  // the token that opened the stream
   std::unique_ptr<grpc::ClientContext> context_;
   std::unique_ptr<Stream> stream_;  // null: there is no connection
 };
