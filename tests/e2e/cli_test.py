@@ -310,7 +310,7 @@ class CommandLine(unittest.TestCase):
         process.kill()
         process.communicate()
         session = must('info', map)['sessions'][0]
-        self.assertTrue(session['cut_off'])
+        self.assertTrue(session['cut_off'], session)
         self.assertFalse(session['complete'])
         self.assertGreater(session['duration_s'], 0.2)
         self.assertIn('cut off: its process has ended', cairn('info', map, json_output=False).out)
