@@ -28,7 +28,7 @@ class FakeMaps : public api::MapService {
     for (const std::string& map : maps) {
       if (const auto found = Of(map, 0); !found.ok()) return found.status();
     }
-    return api::AcrossAnswer{"room", false, {{"room", absl::OkStatus(), Located()}}};
+    return api::AcrossAnswer{.map = "room", .answers = {{"room", absl::OkStatus(), Located()}}};
   }
   absl::StatusOr<std::unique_ptr<api::Tracker>> NewTracker(const std::string& map, const Camera& /*camera*/) override {
     return Of(map, 0).status();
