@@ -5,14 +5,15 @@
 namespace cairn::client {
 namespace {
 
+using optimization::kUsualFocalError;
+using optimization::kUsualPrincipalError;
+
 constexpr int kEnoughImages = 5;
-// What an image may err by beside what its matches leave open (optimization/focal_estimate.h).
-constexpr double kOfImage = 0.0075;
 
 }  // namespace
 
-void CalibrationEvidence::Mean::Add(double value, double sigma) {
-  const double one = 1.0 / (sigma * sigma + kOfImage * kOfImage);
+void CalibrationEvidence::Mean::Add(double value, double sigma, double usual) {
+  const double one = 1.0 / (sigma * sigma + usual * usual);
   precision += one;
   weighted += one * value;
 }
@@ -23,9 +24,9 @@ void CalibrationEvidence::Add(const Sighting& sighting) {
   if (!sighting.calibration) return;
   const optimization::FocalEstimate& one = *sighting.calibration;
   ++images_;
-  log_focal_.Add(std::log(one.scale), one.log_sigma);
-  shift_x_.Add(one.principal_shift.x(), one.principal_sigma.x());
-  shift_y_.Add(one.principal_shift.y(), one.principal_sigma.y());
+  log_focal_.Add(std::log(one.scale), one.log_sigma, kUsualFocalError);
+  shift_x_.Add(one.principal_shift.x(), one.principal_sigma.x(), kUsualPrincipalError);
+  shift_y_.Add(one.principal_shift.y(), one.principal_sigma.y(), kUsualPrincipalError);
 }
 
 optimization::FocalEstimate CalibrationEvidence::Together() const {

@@ -26,7 +26,8 @@ class CalibrationEvidence {
     double precision = 0.0;
     double weighted = 0.0;
 
-    void Add(double value, double sigma);
+    // `usual`: what an image errs by beside what its matches leave open.
+    void Add(double value, double sigma, double usual);
     double value() const { return precision > 0.0 ? weighted / precision : 0.0; }
     double sigma() const;
   };

@@ -14,10 +14,6 @@ using Vector9d = Eigen::Matrix<double, 9, 1>;
 constexpr int kLeastInliers = 15;
 constexpr double kBehind = 1e6;  // chi-square of a point behind the camera
 
-// Maps that are bent a little, and shutters that roll, move what single images show by so much (one standard deviation;
-// of the principal point in a handheld recording with a rolling shutter up to 0.066 in 92 images).
-constexpr double kUsualFocalError = 0.0075;
-constexpr double kUsualPrincipalError = 0.016;
 constexpr double kContradictionSigmas = 5.0, kDoubtSigmas = 3.0;
 // What is known better than this is left to the doubts: a calibration that is off by more than a few per cent would be
 // seen. What is not may be off by up to the second: five times as much is the worst that is found in the field.

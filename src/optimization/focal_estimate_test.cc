@@ -4,42 +4,18 @@
 
 #include <Eigen/Cholesky>
 
-#include "base/random.h"
+#include "optimization/testing_photo.h"
 
 namespace cairn::optimization {
 namespace {
 
 const Pinhole kTrue{640, 480, 525.0, 520.0, 318.0, 242.0};
 
-Pinhole Wrong(double factor) {
-  Pinhole pinhole = kTrue;
-  pinhole.fx_px *= factor;
-  pinhole.fy_px *= factor;
-  return pinhole;
-}
+Pinhole Wrong(double factor) { return WithFocal(kTrue, factor); }
 
-// What a camera of the true focal length sees of a room; `wrong_share` of the matches are wrong.
-struct Photo {
-  SE3 camera_from_map;
-  std::vector<PoseObservation> observations;
-};
-
+// What a camera of the true focal length sees of a room.
 Photo Take(std::uint64_t seed, double wrong_share = 0.1, double nearest = 1.0, double farthest = 6.0) {
-  Random random(seed);
-  Vector6d tangent;
-  for (int i = 0; i < 6; ++i) tangent[i] = random.Normal();
-  Photo photo;
-  photo.camera_from_map = SE3::Exp(tangent);
-  for (int i = 0; i < 200; ++i) {
-    const Vector2d pixel(random.Uniform(0, 639), random.Uniform(0, 479));
-    PoseObservation o;
-    o.sigma_px = std::pow(1.2, static_cast<double>(random.Below(6)));
-    o.point = photo.camera_from_map.Inverse() * (random.Uniform(nearest, farthest) * kTrue.Unproject(pixel));
-    o.pixel = pixel + 0.8 * o.sigma_px * Vector2d(random.Normal(), random.Normal());
-    if (random.Uniform() < wrong_share) o.pixel = {random.Uniform(0, 639), random.Uniform(0, 479)};
-    photo.observations.push_back(o);
-  }
-  return photo;
+  return TakePhoto(kTrue, seed, {.wrong_share = wrong_share, .nearest = nearest, .farthest = farthest});
 }
 
 // Where relocalization ends with a calibration that is wrong by a factor.
@@ -64,6 +40,28 @@ TEST(EstimateFocal, FindsAWrongOneAndThePoseWithTheRightOne) {
       EXPECT_NEAR(std::log(estimate->scale * factor), 0.0, 5.0 * estimate->log_sigma) << factor;
       EXPECT_LT(CenterError(estimate->camera_from_map, photo.camera_from_map), 0.05);
       EXPECT_GT(CenterError(located.camera_from_map, photo.camera_from_map), 0.1) << "or there was nothing to find";
+    }
+  }
+}
+
+// How the pose goes with the calibration, against poses that were found with another one.
+TEST(EstimateFocal, ThePoseGoesWithTheCalibrationAsDifferencesSay) {
+  const double h = 1e-4, side = kTrue.width_px;
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const Photo photo = TakePhoto(kTrue, seed, {.wrong_share = 0.0, .noise = 0.0});
+    const auto estimate =
+        EstimateFocal(kTrue, photo.camera_from_map, photo.observations, {}, FocalPrior::WithPrincipalPoint());
+    ASSERT_TRUE(estimate.ok()) << estimate.status();
+    for (int k = 0; k < 3; ++k) {
+      const auto pose_at = [&](double step) {
+        Pinhole moved = k == 0 ? Wrong(std::exp(step)) : kTrue;
+        if (k == 1) moved.cx_px += side * step;
+        if (k == 2) moved.cy_px += side * step;
+        return RefinePose(moved, photo.camera_from_map, photo.observations)->camera_from_map;
+      };
+      const Vector6d difference = (pose_at(h) * pose_at(-h).Inverse()).Log() / (2.0 * h);
+      EXPECT_LT((difference - estimate->by_calibration.col(k)).norm(), 1e-3 * (1.0 + difference.norm()))
+          << seed << " " << k;
     }
   }
 }

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "store/each_row.h"
 #include "store/map_reader.h"
 #include "store/ready_check.h"
 
@@ -74,34 +75,18 @@ class ContentCheck {
 
   // --- each row by itself ---
 
-  // Gives `use` each row of a table, with its key, in the order of the keys.
+  auto Reporting() {
+    return [this](absl::string_view table, std::int64_t id, absl::string_view message) {
+      return Report(table, id, message);
+    };
+  }
   template <class Use>
   absl::Status ForEachRow(const TableSpec& table, Use use) {
-    CAIRN_ASSIGN_OR_RETURN(Statement rows,
-                           database_->Prepare(table.SelectSql(absl::StrCat("ORDER BY ", table.columns[0]))));
-    while (true) {
-      const absl::StatusOr<bool> found = rows.Step();
-      if (!found.ok()) {
-        // Damaged pages: what comes after cannot be read.
-        if (!IsDamaged(found.status())) return found.status();
-        return Report(table.name, 0, found.status().message());
-      }
-      if (!*found) return absl::OkStatus();
-      CAIRN_RETURN_IF_ERROR(use(rows, rows.Int(0)));
-    }
+    return store::ForEachRow(database_, table, kNewestFormat, Reporting(), std::move(use));
   }
-
-  // The same of a table with a row checksum.
   template <class Value, class Use>
   absl::Status ForEach(const TableSpec& table, Use use) {
-    Row row;
-    return ForEachRow(table, [&](const Statement& rows, std::int64_t id) -> absl::Status {
-      Value value;
-      if (const absl::Status status = ReadChecked(rows, &row, &value); !status.ok()) {
-        return Report(table.name, id, status.message());
-      }
-      return use(std::move(value));
-    });
+    return ForEachChecked<Value>(database_, table, kNewestFormat, Reporting(), std::move(use));
   }
 
   absl::Status CheckRows() {

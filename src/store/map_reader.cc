@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "store/blobs.h"
+#include "store/each_row.h"
 #include "store/fault.h"
 
 namespace cairn::store {
@@ -82,31 +83,21 @@ absl::Status MapReader::Report(absl::string_view table, std::int64_t id, absl::s
 
 template <class Use>
 absl::Status MapReader::ForEachRow(const TableSpec& table, Use use) {
-  CAIRN_ASSIGN_OR_RETURN(
-      Statement rows, database_->Prepare(table.SelectSql(absl::StrCat("ORDER BY ", table.columns[0]), rows_.format)));
-  while (true) {
-    const absl::StatusOr<bool> found = rows.Step();
-    if (!found.ok()) {
-      // Damaged pages: what comes after cannot be read.
-      if (!IsDamaged(found.status())) return found.status();
-      return Report(table.name, 0, found.status().message());
-    }
-    if (!*found) return absl::OkStatus();
-    CAIRN_RETURN_IF_ERROR(use(rows, rows.Int(0)));
-  }
+  return store::ForEachRow(
+      database_, table, rows_.format,
+      [this](absl::string_view name, std::int64_t id, absl::string_view message) { return Report(name, id, message); },
+      std::move(use));
 }
 
 template <class Value, class Take>
 absl::Status MapReader::ReadTable(const TableSpec& table, Take take) {
-  Row row;
-  return ForEachRow(table, [&](const Statement& rows, std::int64_t id) -> absl::Status {
-    Value value;
-    if (const absl::Status status = ReadChecked(rows, &row, &value); !status.ok()) {
-      return Report(table.name, id, status.message());
-    }
-    take(std::move(value));
-    return absl::OkStatus();
-  });
+  return ForEachChecked<Value>(
+      database_, table, rows_.format,
+      [this](absl::string_view name, std::int64_t id, absl::string_view message) { return Report(name, id, message); },
+      [&](Value&& value) {
+        take(std::move(value));
+        return absl::OkStatus();
+      });
 }
 
 absl::Status MapReader::ReadInfo() {
