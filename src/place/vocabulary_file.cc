@@ -52,7 +52,7 @@ void PutAll(std::string* out, std::span<const T> values) {
 // From the beginning of `bytes`, which hold as much.
 template <class T>
 void TakeAll(std::string_view* bytes, std::span<T> values) {
-  std::memcpy(values.data(), bytes->data(), values.size_bytes());
+  if (!values.empty()) std::memcpy(values.data(), bytes->data(), values.size_bytes());
   bytes->remove_prefix(values.size_bytes());
 }
 
