@@ -1,5 +1,6 @@
 #include "server/daemon/daemon.h"
 
+#include <malloc.h>
 #include <spdlog/spdlog.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -256,6 +257,17 @@ absl::Status Daemon::Listen(const DaemonOptions& options) {
 }
 
 Daemon::~Daemon() { Stop(std::chrono::milliseconds(0)); }
+
+void Daemon::Tick(std::chrono::steady_clock::time_point now) {
+  maps_->CloseIdle(now);
+  const bool held = std::exchange(holds_maps_, !maps_->OpenMaps().empty());
+#ifdef __GLIBC__
+  // Back to the system, when nobody is there to wait for it.
+  if (held && !holds_maps_) malloc_trim(0);
+#else
+  (void)held;
+#endif
+}
 
 void Daemon::Stop(std::chrono::milliseconds grace) {
   const auto until = std::chrono::steady_clock::now() + grace;

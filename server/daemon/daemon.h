@@ -48,7 +48,7 @@ class Daemon {
   host::MapHost& maps() { return *maps_; }
 
   // For the owner to call about once a second.
-  void Tick(std::chrono::steady_clock::time_point now) { maps_->CloseIdle(now); }
+  void Tick(std::chrono::steady_clock::time_point now);
   // In order: what is under way gets until `grace` is over.
   void Stop(std::chrono::milliseconds grace);
 
@@ -64,6 +64,7 @@ class Daemon {
   std::unique_ptr<HttpServer> http_;
   std::string grpc_address_;
   std::string http_address_;
+  bool holds_maps_ = false;  // at the last Tick()
 };
 
 }  // namespace cairn::server

@@ -1,9 +1,11 @@
 // cairnd: the map server.
 #include <google/protobuf/stubs/logging.h>
+#include <malloc.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
@@ -12,6 +14,7 @@
 #include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
+#include <thread>
 
 #include "absl/strings/str_replace.h"
 #include "base/guarded.h"
@@ -35,6 +38,14 @@ sigset_t EndingSignals() {
   for (const int signal : {SIGTERM, SIGINT, SIGHUP}) sigaddset(&signals, signal);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   return signals;
+}
+
+// Threads come with every session and stay in pools; each part of the heap that they are given keeps the holes which
+// sessions leave. As many parts as processors are all that can be at work at once.
+void LimitHeaps() {
+#ifdef __GLIBC__
+  mallopt(M_ARENA_MAX, static_cast<int>(std::max(2u, std::thread::hardware_concurrency())));
+#endif
 }
 
 // What the command line says: the text of each setting that it gives.
@@ -106,6 +117,7 @@ int Serve(const DaemonOptions& options, const sigset_t& signals) {
 }
 
 int Main(int argc, char** argv) {
+  LimitHeaps();
   const sigset_t signals = EndingSignals();
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);  // writing beyond the limit is an error like a full disk
