@@ -154,23 +154,22 @@ std::vector<Candidate> InvertedIndex::Query(const BowVector& words, const QueryO
   std::vector<double> score(size, 0.0);
   std::vector<std::uint32_t> common(size, 0);
   std::vector<std::uint32_t> touched;
-  std::vector<const PostingSegment*> segments;
+  const auto meets = [&](const WeightedWord& word, std::uint32_t entry, float weight) {
+    if (common[entry]++ == 0) touched.push_back(entry);
+    score[entry] += std::min(word.weight, weight);
+  };
+  // Segment by segment, so that what is looked at lies together.
   for (const Segments* at = segments_.load(std::memory_order_acquire); at != nullptr; at = at->older) {
-    if (at->newest.first() < size) segments.push_back(&at->newest);
+    if (at->newest.first() < size) at->newest.ForAll(words, idf_, meets);
   }
   for (const WeightedWord& word : words) {
     if (word.word >= idf_.size()) continue;
-    const auto meets = [&](std::uint32_t entry, float weight) {
-      if (common[entry]++ == 0) touched.push_back(entry);
-      score[entry] += std::min(word.weight, weight);
-    };
-    for (const PostingSegment* segment : segments) segment->ForEach(word.word, idf_[word.word], meets);
     for (const Block* block = blocks_[word.word].load(std::memory_order_acquire); block != nullptr;
          block = block->older) {
       const std::uint32_t filled = block->size.load(std::memory_order_acquire);
       for (std::uint32_t i = 0; i < filled; ++i) {
         const Posting& posting = block->postings()[i];
-        if (posting.entry < size) meets(posting.entry, posting.weight);  // else it came meanwhile
+        if (posting.entry < size) meets(word, posting.entry, posting.weight);  // else it came meanwhile
       }
     }
   }

@@ -185,7 +185,7 @@ absl::Status PostingSegment::IndexGaps(const std::vector<std::uint16_t>& counts,
       block.gaps = static_cast<std::uint32_t>(*at);
       block.posting = posting;
     }
-    within_[word] = static_cast<std::uint16_t>(*at - block.gaps);
+    within_[word] = {static_cast<std::uint16_t>(*at - block.gaps), static_cast<std::uint16_t>(posting - block.posting)};
     const std::size_t count = counts[word];
     posting += static_cast<std::uint32_t>(count);
     if (bytes_.size() - *at < count) return Bad("it is cut off");
@@ -245,17 +245,8 @@ std::size_t PostingSegment::Read(WordId word, Posting* out) const {
   const Block& block = blocks_[word / kWordsPerBlock];
   const Block& following = blocks_[word / kWordsPerBlock + 1];
   const bool last = word + std::size_t{1} == within_.size() || (word + 1) % kWordsPerBlock == 0;
-  std::size_t at = block.gaps + std::size_t{within_[word]};
-  const std::size_t end = last ? following.gaps : block.gaps + std::size_t{within_[word + 1]};
-  // Which of all postings is the first one of this word: where each is one byte, that many bytes before.
-  std::uint32_t posting = block.posting + within_[word];
-  if (following.gaps - block.gaps != following.posting - block.posting) {
-    posting = block.posting;
-    for (std::size_t before = block.gaps; before < at; ++posting) {
-      std::uint32_t gap = 0;
-      if (static_cast<std::uint8_t>(bytes_[before++]) == kFar) TakeVarint(bytes_, &before, &gap);
-    }
-  }
+  std::size_t at = block.gaps + std::size_t{within_[word].gaps};
+  const std::size_t end = last ? following.gaps : block.gaps + std::size_t{within_[word + 1].gaps};
   std::size_t count = 0;
   for (std::uint32_t next = 0; at < end; ++next) {
     std::uint32_t gap = static_cast<std::uint8_t>(bytes_[at++]);
@@ -263,6 +254,8 @@ std::size_t PostingSegment::Read(WordId word, Posting* out) const {
     next += gap;
     out[count++] = {next, 1};
   }
+  if (count == 0 || block.more == following.more) return count;
+  const std::uint32_t posting = block.posting + within_[word].posting;
   std::uint32_t more = block.more_from;
   for (std::size_t from = block.more; from < following.more;) {
     std::uint32_t gap = 0, times = 0;

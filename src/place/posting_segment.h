@@ -39,6 +39,18 @@ class PostingSegment {
       visit(entry, NormalizedWeight(count, idf, sum_[entry - first_]));
     });
   }
+  // The same for many words, ascending: calls visit(word, entry, weight) in their order. What a word needs lies
+  // anywhere in the segment, and is fetched while the words before it are read.
+  template <class Visit>
+  void ForAll(std::span<const WeightedWord> words, std::span<const float> idf, Visit&& visit) const {
+    constexpr std::size_t kAhead = 8;
+    for (std::size_t i = 0; i < words.size() && words[i].word < within_.size(); ++i) {
+      if (i + 2 * kAhead < words.size()) FetchPlace(words[i + 2 * kAhead].word);
+      if (i + kAhead < words.size()) FetchPostings(words[i + kAhead].word);
+      const WeightedWord& word = words[i];
+      ForEach(word.word, idf[word.word], [&](std::uint32_t entry, float weight) { visit(word, entry, weight); });
+    }
+  }
   // Likewise visit(entry, count): how often it has the word.
   template <class Visit>
   void ForEachCount(WordId word, Visit&& visit) const {
@@ -61,7 +73,20 @@ class PostingSegment {
     std::uint32_t more;       // in `bytes_`, where words follow that are there more than once
     std::uint32_t more_from;  // the number that the first of these counts from
   };
+  // Where a word begins, from what its block says on.
+  struct Within {
+    std::uint16_t gaps, posting;
+  };
 
+  void FetchPlace(WordId word) const {
+    if (word >= within_.size()) return;
+    __builtin_prefetch(&blocks_[word / kWordsPerBlock]);
+    __builtin_prefetch(&within_[word]);
+  }
+  void FetchPostings(WordId word) const {
+    if (word < within_.size())
+      __builtin_prefetch(bytes_.data() + blocks_[word / kWordsPerBlock].gaps + within_[word].gaps);
+  }
   // Finds its way in `bytes_`, and checks them.
   absl::Status Index(std::size_t num_words);
   absl::Status IndexGaps(const std::vector<std::uint16_t>& counts, std::size_t* at);
@@ -70,10 +95,10 @@ class PostingSegment {
   std::size_t Read(WordId word, Posting* out) const;
 
   std::uint32_t first_ = 0;
-  std::string bytes_;                  // as they are packed
-  std::vector<double> sum_;            // of term weights, by entry
-  std::vector<Block> blocks_;          // and the end
-  std::vector<std::uint16_t> within_;  // by word: where its gaps begin, from those of its block on
+  std::string bytes_;           // as they are packed
+  std::vector<double> sum_;     // of term weights, by entry
+  std::vector<Block> blocks_;   // and the end
+  std::vector<Within> within_;  // by word
 };
 
 }  // namespace cairn::place
