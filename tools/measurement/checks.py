@@ -344,6 +344,7 @@ SERVED_CHECKS = [
     ('  the same session without them', 'ms', '<=', None, '', lambda w: w.beside(0)['stall_ms']),
     ('  longer by', 'ms', '<=', 20, '', lambda w: w.beside(16)['stall_ms'] - w.beside(0)['stall_ms']),
     ('  99th percentile of its calls', 'ms', '<=', None, '', lambda w: w.beside(16)['p99_ms']),
+    ('  16 trackers that give way to it and the server', 'ms', '<=', None, '', lambda w: w.beside(16, give_way=True)['stall_ms']),
     ('  frames with a pose', '%', '>=', 99, '', lambda w: 100 * w.beside(16)['posed']),
     ('  poses of revisions that never were', '', '<=', 0, '', lambda w: w.beside(16)['unknown']),
     ('  memory of the daemon after the last session over that after the first', 'x', '<=', None, '',

@@ -97,10 +97,11 @@ class Served:
             return result
         return self.once('behind', one)
 
-    def beside(self, trackers):
-        """Sessions that extend a map, one after the other, and as many trackers beside them in the same map."""
+    def beside(self, trackers, give_way=False):
+        """Sessions that extend a map, one after the other, and as many trackers beside them in the same map; these give way
+        to the server and the sessions (nice 10), as if they had processors of their own, or do not."""
         def one():
-            maps = self.served_folder(f'beside_{trackers}')
+            maps = self.served_folder(f'beside_{trackers}_{give_way}')
             visits = [self.visit('office', 31, k, '--duration', s, *SMALL) for k, s in ((1, 10), (2, 20), (3, 10))]
             server = Server(maps)
             answer_of(begin(server, 'run', visits[0], '--map', 'office'))
@@ -114,7 +115,7 @@ class Served:
                     states.unlink(missing_ok=True)
                     try:
                         report = answer_of(begin(server, 'track', visits[2], '--map', 'office', '--realtime', TRACKER_SPEED,
-                                                 '--states', states))
+                                                 '--states', states, preexec_fn=(lambda: os.nice(10)) if give_way else None))
                     except Failed as error:
                         wrong.append(str(error))
                         return
@@ -144,9 +145,9 @@ class Served:
                       'memory_mb': memory, 'idle_mb': idle, 'keyframes': last['keyframes']}
             # Per keyframe that was added after the first session.
             result['grown'] = memory[-1] / memory[0]
-            print(f'        {trackers} trackers: {result}', flush=True)
+            print(f'        {trackers} trackers{", giving way" if give_way else ""}: {result}', flush=True)
             return result
-        return self.once(f'beside {trackers}', one)
+        return self.once(f'beside {trackers} {give_way}', one)
 
     def daemon_kills(self):
         """Sessions at a daemon that is killed again and again at random moments, and started again at once."""
