@@ -101,8 +101,8 @@ class MapReader::File {
     if (!places.ok()) return nullptr;
     store::ReadyOptions load;
     load.feature_budget_bytes = options_.feature_budget_bytes;
-    load.segment = [&](std::span<const KeyframeId> keyframes, absl::string_view packed) {
-      return places->AddSegment(keyframes, std::string_view(packed.data(), packed.size()));
+    load.segment = [&](std::span<const KeyframeId> keyframes, SharedBytes packed) {
+      return places->AddSegment(keyframes, std::move(packed));
     };
     const auto ready = file_->LoadReady(load);
     if (!ready.ok() || !*ready) return nullptr;

@@ -147,15 +147,13 @@ std::uint32_t InvertedIndex::IdOf(std::uint32_t entry) const {
   return id_chunks_[entry / kIdsPerChunk].load(std::memory_order_acquire)[entry % kIdsPerChunk];
 }
 
-std::vector<Candidate> InvertedIndex::Query(const BowVector& words, const QueryOptions& options,
-                                            const Counts& counts) const {
+Scores InvertedIndex::Score(const BowVector& words) const {
   // Words come in ascending order, so the sums do not depend on the order of postings.
   const std::uint32_t size = num_entries();
-  std::vector<double> score(size, 0.0);
-  std::vector<std::uint32_t> common(size, 0);
-  std::vector<std::uint32_t> touched;
-  const auto meets = [&](const WeightedWord& word, std::uint32_t entry, float weight) {
-    if (common[entry]++ == 0) touched.push_back(entry);
+  Scores scores{std::vector<double>(size, 0.0), std::vector<std::uint32_t>(size, 0)};
+  const auto meets = [score = scores.score.data(), common = scores.common.data()](const WeightedWord& word,
+                                                                                  std::uint32_t entry, float weight) {
+    ++common[entry];
     score[entry] += std::min(word.weight, weight);
   };
   // Segment by segment, so that what is looked at lies together.
@@ -173,28 +171,46 @@ std::vector<Candidate> InvertedIndex::Query(const BowVector& words, const QueryO
       }
     }
   }
-  if (counts) {
-    std::erase_if(touched, [&](std::uint32_t entry) { return !counts(IdOf(entry), entry); });
-  }
-  if (options.exclude) {
-    std::erase_if(touched, [&](std::uint32_t entry) { return options.exclude(IdOf(entry)); });
-  }
-  std::uint32_t most = 0;
-  for (const std::uint32_t entry : touched) most = std::max(most, common[entry]);
-  std::vector<Candidate> candidates;
-  for (const std::uint32_t entry : touched) {
-    if (common[entry] < options.min_common_share * most || score[entry] < options.min_score) continue;
-    candidates.push_back({IdOf(entry), score[entry], common[entry]});
+  return scores;
+}
+
+std::vector<Candidate> InvertedIndex::Best(const Scores& scores, const QueryOptions& options,
+                                           const Counts& counts) const {
+  const std::vector<double>& score = scores.score;
+  const std::vector<std::uint32_t>& common = scores.common;
+  const auto size = static_cast<std::uint32_t>(score.size());
+  // Asked of few, as most of a large map share too few words to matter.
+  const auto taken = [&](std::uint32_t entry) {
+    const std::uint32_t id = IdOf(entry);
+    return (!counts || counts(id, entry)) && !(options.exclude && options.exclude(id));
+  };
+  double min_common = 1.0;
+  if (options.min_common_share > 0.0) {
+    std::uint32_t most = 0;
+    for (std::uint32_t entry = 0; entry < size; ++entry) {
+      if (common[entry] > most && taken(entry)) most = common[entry];
+    }
+    min_common = std::max(min_common, options.min_common_share * most);
   }
   const auto better = [](const Candidate& a, const Candidate& b) {
     return a.score != b.score ? a.score > b.score : a.id < b.id;
   };
-  const std::size_t count =
-      options.max_results == 0 ? candidates.size() : std::min(options.max_results, candidates.size());
-  std::partial_sort(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(count), candidates.end(),
-                    better);
-  candidates.resize(count);
-  return candidates;
+  std::vector<Candidate> best;  // a heap, the worst of them first
+  const std::size_t wanted = options.max_results == 0 ? size : options.max_results;
+  for (std::uint32_t entry = 0; entry < size; ++entry) {
+    if (common[entry] < min_common || score[entry] < options.min_score) continue;
+    const Candidate candidate{IdOf(entry), score[entry], common[entry]};
+    const bool full = best.size() == wanted;
+    if ((full && !better(candidate, best.front())) || !taken(entry)) continue;
+    if (full) {
+      std::ranges::pop_heap(best, better);
+      best.pop_back();
+    }
+    best.push_back(candidate);
+    std::ranges::push_heap(best, better);
+  }
+  std::ranges::sort_heap(best, better);
+  return best;
 }
 
 }  // namespace cairn::place

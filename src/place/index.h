@@ -36,6 +36,12 @@ struct Candidate {
   bool operator==(const Candidate&) const = default;
 };
 
+// What entries have in common with an image, by their number: nothing with those that came later.
+struct Scores {
+  std::vector<double> score;          // L1, in [0, 1]
+  std::vector<std::uint32_t> common;  // words in both
+};
+
 // Grows at its end only, so that an index of an earlier state of a map is the same object with fewer entries counted:
 // whoever asks says which entries count (tracking::PlaceIndex). Nothing is ever removed or moved.
 class InvertedIndex {
@@ -68,9 +74,14 @@ class InvertedIndex {
   std::span<const float> idf() const { return idf_; }
   std::uint32_t num_entries() const { return num_entries_.load(std::memory_order_acquire); }
 
+  // Most of the work of a query, which may then be asked for several bests.
+  Scores Score(const BowVector& words) const;
   // Best score first; of equal scores the smaller id. The answer depends on the entries that count alone.
+  std::vector<Candidate> Best(const Scores& scores, const QueryOptions& options = {}, const Counts& counts = {}) const;
   std::vector<Candidate> Query(const BowVector& words, const QueryOptions& options = {},
-                               const Counts& counts = {}) const;
+                               const Counts& counts = {}) const {
+    return Best(Score(words), options, counts);
+  }
 
   static constexpr std::uint32_t kMaxEntries = 1u << 26;
 

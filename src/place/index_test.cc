@@ -196,12 +196,15 @@ TEST(InvertedIndex, AnswersTheSameFromPackedSegments) {
   InvertedIndex whole(idf), packed(idf);
   ASSERT_TRUE(whole.AddAll(entries).ok());
   const std::span<const std::uint32_t> all_ids = ids;
-  auto unpacked = PostingSegment::Unpack(0, idf.size(), first);
+  auto unpacked = PostingSegment::Unpack(0, idf.size(), SharedBytes(first));
   ASSERT_TRUE(unpacked.ok()) << unpacked.status();
   ASSERT_TRUE(packed.AddSegment(all_ids.first(150), *std::move(unpacked)).ok());
-  EXPECT_EQ(packed.AddSegment(all_ids.first(150), PostingSegment::Unpack(0, idf.size(), first).value()).code(),
-            absl::StatusCode::kInvalidArgument);
-  ASSERT_TRUE(packed.AddSegment(all_ids.subspan(150), PostingSegment::Unpack(150, idf.size(), second).value()).ok());
+  EXPECT_EQ(
+      packed.AddSegment(all_ids.first(150), PostingSegment::Unpack(0, idf.size(), SharedBytes(first)).value()).code(),
+      absl::StatusCode::kInvalidArgument);
+  ASSERT_TRUE(
+      packed.AddSegment(all_ids.subspan(150), PostingSegment::Unpack(150, idf.size(), SharedBytes(second)).value())
+          .ok());
   for (int i = 0; i < 10; ++i) {
     const BowVector query = Weigh(RandomEntries(1, 700, &random)[0].words, idf);
     EXPECT_EQ(packed.Query(query, Everything()), whole.Query(query, Everything()));
@@ -215,17 +218,18 @@ TEST(PostingSegment, DamagedBytesAreNoSegment) {
   std::vector<std::span<const WordId>> words;
   for (const InvertedIndex::Entry& entry : entries) words.emplace_back(entry.words);
   const std::string good = PostingSegment(0, words, idf).Pack();
-  ASSERT_TRUE(PostingSegment::Unpack(0, 300, good).ok());
-  EXPECT_EQ(PostingSegment::Unpack(0, 301, good).status().code(), absl::StatusCode::kDataLoss);
+  ASSERT_TRUE(PostingSegment::Unpack(0, 300, SharedBytes(good)).ok());
+  EXPECT_EQ(PostingSegment::Unpack(0, 301, SharedBytes(good)).status().code(), absl::StatusCode::kDataLoss);
   for (std::size_t size = 0; size < good.size(); ++size) {
-    EXPECT_EQ(PostingSegment::Unpack(0, 300, good.substr(0, size)).status().code(), absl::StatusCode::kDataLoss);
+    EXPECT_EQ(PostingSegment::Unpack(0, 300, SharedBytes(good.substr(0, size))).status().code(),
+              absl::StatusCode::kDataLoss);
   }
   // Whatever a byte becomes, entries stay in range (which a sanitizer sees).
   const InvertedIndex index(idf);
   for (std::size_t i = 0; i < good.size(); ++i) {
     std::string changed = good;
     changed[i] = static_cast<char>(random.Below(256));
-    const auto segment = PostingSegment::Unpack(0, 300, changed);
+    const auto segment = PostingSegment::Unpack(0, 300, SharedBytes(changed));
     if (!segment.ok()) continue;
     for (WordId word = 0; word < 300; ++word) {
       segment->ForEach(word, 1.0f, [&](std::uint32_t entry, float) { EXPECT_LT(entry, segment->num_entries()); });

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <utility>
 
 namespace cairn::place {
@@ -13,8 +14,6 @@ static_assert(std::endian::native == std::endian::little, "numbers of several by
 
 namespace {
 
-// Instead of how many entries were passed over, if they are so many or more: then the number follows.
-constexpr std::uint8_t kFar = 255;
 constexpr std::uint32_t kEntryBits = 10;
 constexpr std::uint32_t kEntryMask = PostingSegment::kMaxEntries - 1;
 static_assert(PostingSegment::kMaxEntries == 1u << kEntryBits);
@@ -40,8 +39,10 @@ bool TakeVarint(std::string_view bytes, std::size_t* at, std::uint32_t* value) {
 
 absl::Status Bad(const char* what) { return absl::DataLossError(absl::StrCat("place index: ", what)); }
 
+}  // namespace
+
 // What is packed, part by part, word after word.
-class Packing {
+class PostingSegment::Packing {
  public:
   // The entries of a word, ascending, each with how often it has it.
   void Add(std::uint32_t entry, std::uint32_t count) {
@@ -86,8 +87,6 @@ class Packing {
   std::uint32_t next_ = 0, num_entries_of_word_ = 0, num_postings_ = 0;
   std::uint32_t next_more_ = 0, num_more_ = 0;
 };
-
-}  // namespace
 
 PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<const WordId>> words_of_entry,
                                std::span<const float> idf)
@@ -136,137 +135,107 @@ PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<co
       packing.EndWord();
     }
   }
-  bytes_ = std::move(packing).Finish(idf.size(), sum_);
+  bytes_ = SharedBytes(std::move(packing).Finish(idf.size(), sum_));
   Index(idf.size()).IgnoreError();  // they are as they should be
 }
 
-absl::StatusOr<PostingSegment> PostingSegment::Unpack(std::uint32_t first, std::size_t num_words,
-                                                      std::string_view bytes) {
+absl::StatusOr<PostingSegment> PostingSegment::Unpack(std::uint32_t first, std::size_t num_words, SharedBytes bytes) {
   PostingSegment segment;
   segment.first_ = first;
-  segment.bytes_ = bytes;
+  segment.bytes_ = std::move(bytes);
   CAIRN_RETURN_IF_ERROR(segment.Index(num_words));
   return segment;
 }
 
+std::uint32_t PostingSegment::VarintAt(std::uint32_t* at) const {
+  std::size_t from = *at;
+  std::uint32_t value = 0;
+  if (!TakeVarint(bytes_.view(), &from, &value)) return std::numeric_limits<std::uint32_t>::max();
+  *at = static_cast<std::uint32_t>(from);
+  return value;
+}
+
 absl::Status PostingSegment::Index(std::size_t num_words) {
+  const std::string_view bytes = bytes_.view();
   std::size_t at = 0;
   std::uint32_t entries = 0, words = 0, postings = 0;
-  if (bytes_.size() > ~std::uint32_t{0}) return Bad("it is too large");
-  if (!TakeVarint(bytes_, &at, &entries) || !TakeVarint(bytes_, &at, &words) || !TakeVarint(bytes_, &at, &postings)) {
+  if (bytes.size() > ~std::uint32_t{0}) return Bad("it is too large");
+  if (!TakeVarint(bytes, &at, &entries) || !TakeVarint(bytes, &at, &words) || !TakeVarint(bytes, &at, &postings)) {
     return Bad("it is cut off");
   }
   if (entries > kMaxEntries || words != num_words) return Bad("it is of another vocabulary, or too large");
-  if (bytes_.size() - at < entries * sizeof(double) + num_words + postings) return Bad("it is cut off");
+  if (bytes.size() - at < entries * sizeof(double) + num_words + postings) return Bad("it is cut off");
   sum_.resize(entries);
-  if (entries > 0) std::memcpy(sum_.data(), bytes_.data() + at, entries * sizeof(double));
+  if (entries > 0) std::memcpy(sum_.data(), bytes.data() + at, entries * sizeof(double));
   at += entries * sizeof(double);
   if (!std::ranges::all_of(sum_, [](double sum) { return std::isfinite(sum); })) return Bad("a sum is not finite");
   std::vector<std::uint16_t> counts(num_words);
   std::uint64_t total = 0;
   for (std::uint16_t& kept : counts) {
     std::uint32_t count = 0;
-    if (!TakeVarint(bytes_, &at, &count) || count > entries) return Bad("a word is in too many images");
+    if (!TakeVarint(bytes, &at, &count) || count > entries) return Bad("a word is in too many images");
     total += count;
     kept = static_cast<std::uint16_t>(count);
   }
   if (total != postings) return Bad("words are in too many or too few images");
   CAIRN_RETURN_IF_ERROR(IndexGaps(counts, &at));
-  return IndexMore(postings, at);
+  return IndexMore(counts, postings, at);
 }
 
+// That no posting is of an entry beyond the last is seen where they are read: here it would be most of the work.
 absl::Status PostingSegment::IndexGaps(const std::vector<std::uint16_t>& counts, std::size_t* at) {
-  within_.resize(counts.size());
+  const std::string_view bytes = bytes_.view();
+  const auto next_far = [&](std::size_t from) { return bytes.find(static_cast<char>(kFar), from); };
+  places_.resize(counts.size());
   blocks_.resize((counts.size() + kWordsPerBlock - 1) / kWordsPerBlock + 1);
-  std::uint32_t posting = 0;
+  std::size_t far = next_far(*at);
   for (std::size_t word = 0; word < counts.size(); ++word) {
-    Block& block = blocks_[word / kWordsPerBlock];
-    if (word % kWordsPerBlock == 0) {
-      block.gaps = static_cast<std::uint32_t>(*at);
-      block.posting = posting;
-    }
-    within_[word] = {static_cast<std::uint16_t>(*at - block.gaps), static_cast<std::uint16_t>(posting - block.posting)};
+    std::uint32_t& block = blocks_[word / kWordsPerBlock];
+    if (word % kWordsPerBlock == 0) block = static_cast<std::uint32_t>(*at);
+    places_[word].gaps = static_cast<std::uint16_t>(*at - block);
     const std::size_t count = counts[word];
-    posting += static_cast<std::uint32_t>(count);
-    if (bytes_.size() - *at < count) return Bad("it is cut off");
-    // All of a word at once, as there is hardly a gap that takes more than a byte.
-    const auto* gaps = reinterpret_cast<const std::uint8_t*>(bytes_.data() + *at);
-    std::uint32_t sum = 0;
-    std::uint8_t most = 0;
-    for (std::size_t i = 0; i < count; ++i) sum += gaps[i];
-    for (std::size_t i = 0; i < count; ++i) most = std::max(most, gaps[i]);
-    if (most < kFar) {
-      if (sum + count > sum_.size()) return Bad("an image is out of range");
+    if (bytes.size() - *at < count) return Bad("it is cut off");
+    if (*at + count <= far) {  // hardly a gap takes more than a byte
       *at += count;
       continue;
     }
-    std::uint64_t next = 0;
     for (std::size_t i = 0; i < count; ++i) {
-      if (*at >= bytes_.size()) return Bad("it is cut off");
-      std::uint32_t gap = static_cast<std::uint8_t>(bytes_[(*at)++]);
+      if (*at >= bytes.size()) return Bad("it is cut off");
+      if (static_cast<std::uint8_t>(bytes[(*at)++]) != kFar) continue;
       // The same in more bytes than it needs would not fit into what is kept of where a word begins.
       const std::size_t begin = *at;
-      if (gap == kFar && (!TakeVarint(bytes_, at, &gap) || *at - begin > 2)) return Bad("it is cut off");
-      next += gap + std::uint64_t{1};
-      if (next > sum_.size()) return Bad("an image is out of range");
+      std::uint32_t gap = 0;
+      if (!TakeVarint(bytes, at, &gap) || *at - begin > 2) return Bad("it is cut off");
     }
+    far = next_far(*at);
   }
-  blocks_.back().gaps = static_cast<std::uint32_t>(*at);
-  blocks_.back().posting = posting;
+  blocks_.back() = static_cast<std::uint32_t>(*at);
   return absl::OkStatus();
 }
 
-absl::Status PostingSegment::IndexMore(std::uint32_t num_postings, std::size_t at) {
+absl::Status PostingSegment::IndexMore(const std::vector<std::uint16_t>& counts, std::uint32_t num_postings,
+                                       std::size_t at) {
+  const std::string_view bytes = bytes_.view();
   std::uint32_t num_more = 0;
-  if (!TakeVarint(bytes_, &at, &num_more) || num_more > num_postings) return Bad("it is cut off");
-  std::size_t block = 0;
-  std::uint32_t from = 0;
+  if (!TakeVarint(bytes, &at, &num_more) || num_more > num_postings) return Bad("it is cut off");
+  std::size_t word = 0;
+  std::uint64_t begin = 0;  // number of the first posting of the word
+  std::uint64_t next = 0;
   for (std::uint32_t i = 0; i < num_more; ++i) {
-    const std::size_t begin = at;
     std::uint32_t gap = 0, count = 0;
-    if (!TakeVarint(bytes_, &at, &gap) || !TakeVarint(bytes_, &at, &count)) return Bad("it is cut off");
-    const std::uint64_t posting = std::uint64_t{from} + gap;
+    if (!TakeVarint(bytes, &at, &gap)) return Bad("it is cut off");
+    const auto at_count = static_cast<std::uint32_t>(at);
+    if (!TakeVarint(bytes, &at, &count)) return Bad("it is cut off");
+    const std::uint64_t posting = next + gap;
     if (posting >= num_postings || count < 2) return Bad("a count is out of range");
-    // Blocks that end before it have none that is left.
-    for (; blocks_[block].posting <= posting && block + 1 < blocks_.size(); ++block) {
-      blocks_[block].more = static_cast<std::uint32_t>(begin);
-      blocks_[block].more_from = from;
+    for (; posting >= begin + counts[word]; ++word) begin += counts[word];
+    if (places_[word].first_more == kNone) {
+      places_[word].more = at_count;
+      places_[word].first_more = static_cast<std::uint16_t>(posting - begin);
     }
-    from = static_cast<std::uint32_t>(posting) + 1;
+    next = posting + 1;
   }
-  for (; block < blocks_.size(); ++block) {
-    blocks_[block].more = static_cast<std::uint32_t>(at);
-    blocks_[block].more_from = from;
-  }
-  return at == bytes_.size() ? absl::OkStatus() : Bad("there is more than it says");
-}
-
-std::size_t PostingSegment::Read(WordId word, Posting* out) const {
-  const Block& block = blocks_[word / kWordsPerBlock];
-  const Block& following = blocks_[word / kWordsPerBlock + 1];
-  const bool last = word + std::size_t{1} == within_.size() || (word + 1) % kWordsPerBlock == 0;
-  std::size_t at = block.gaps + std::size_t{within_[word].gaps};
-  const std::size_t end = last ? following.gaps : block.gaps + std::size_t{within_[word + 1].gaps};
-  std::size_t count = 0;
-  for (std::uint32_t next = 0; at < end; ++next) {
-    std::uint32_t gap = static_cast<std::uint8_t>(bytes_[at++]);
-    if (gap == kFar) TakeVarint(bytes_, &at, &gap);
-    next += gap;
-    out[count++] = {next, 1};
-  }
-  if (count == 0 || block.more == following.more) return count;
-  const std::uint32_t posting = block.posting + within_[word].posting;
-  std::uint32_t more = block.more_from;
-  for (std::size_t from = block.more; from < following.more;) {
-    std::uint32_t gap = 0, times = 0;
-    TakeVarint(bytes_, &from, &gap);
-    TakeVarint(bytes_, &from, &times);
-    more += gap;
-    if (more >= posting + count) break;
-    if (more >= posting) out[more - posting].count = times;
-    ++more;
-  }
-  return count;
+  return at == bytes.size() ? absl::OkStatus() : Bad("there is more than it says");
 }
 
 }  // namespace cairn::place

@@ -2,13 +2,13 @@
 // there follows from that (place/weighing.h). Never changes.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "base/shared_bytes.h"
 #include "base/status.h"
 #include "place/vocabulary.h"
 #include "place/weighing.h"
@@ -24,10 +24,10 @@ class PostingSegment {
                  std::span<const float> idf);
 
   // As bytes, to be kept (docs/map-format.md, "Place index"): they are what it has in memory. Little-endian.
-  const std::string& Pack() const { return bytes_; }
-  // The same with its entries from `first` on, for a vocabulary of so many words. DataLoss if that is not what the
-  // bytes hold; no bytes lead beyond it.
-  static absl::StatusOr<PostingSegment> Unpack(std::uint32_t first, std::size_t num_words, std::string_view bytes);
+  std::string Pack() const { return std::string(bytes_.view()); }
+  // The same with its entries from `first` on, for a vocabulary of so many words; it keeps the bytes. DataLoss if that
+  // is not what they hold; no bytes lead beyond it.
+  static absl::StatusOr<PostingSegment> Unpack(std::uint32_t first, std::size_t num_words, SharedBytes bytes);
 
   std::uint32_t first() const { return first_; }
   std::uint32_t num_entries() const { return static_cast<std::uint32_t>(sum_.size()); }
@@ -43,8 +43,8 @@ class PostingSegment {
   // anywhere in the segment, and is fetched while the words before it are read.
   template <class Visit>
   void ForAll(std::span<const WeightedWord> words, std::span<const float> idf, Visit&& visit) const {
-    constexpr std::size_t kAhead = 8;
-    for (std::size_t i = 0; i < words.size() && words[i].word < within_.size(); ++i) {
+    constexpr std::size_t kAhead = 16;
+    for (std::size_t i = 0; i < words.size() && words[i].word < places_.size(); ++i) {
       if (i + 2 * kAhead < words.size()) FetchPlace(words[i + 2 * kAhead].word);
       if (i + kAhead < words.size()) FetchPostings(words[i + kAhead].word);
       const WeightedWord& word = words[i];
@@ -54,51 +54,68 @@ class PostingSegment {
   // Likewise visit(entry, count): how often it has the word.
   template <class Visit>
   void ForEachCount(WordId word, Visit&& visit) const {
-    std::array<Posting, kMaxEntries> postings;
-    const std::size_t count = Read(word, postings.data());
-    for (std::size_t i = 0; i < count; ++i) visit(first_ + postings[i].entry, postings[i].count);
+    const Place& place = places_[word];
+    const std::uint32_t end = EndOf(word), num_entries = this->num_entries();
+    std::uint32_t posting = 0, more = place.more, next_more = place.first_more;
+    std::uint32_t entry = 0;
+    for (std::uint32_t at = BeginOf(word); at < end; ++entry, ++posting) {
+      std::uint32_t gap = Byte(at++);
+      if (gap == kFar) gap = VarintAt(&at);
+      entry += gap;
+      if (entry >= num_entries) return;
+      std::uint32_t count = 1;
+      if (posting == next_more) {
+        count = VarintAt(&more);
+        next_more = posting + 1 + VarintAt(&more);  // of another word, if this has no more
+      }
+      visit(first_ + entry, count);
+    }
   }
 
  private:
   PostingSegment() = default;
 
-  struct Posting {
-    std::uint32_t entry, count;
-  };
-  // So many words share one of these: where what is said of the first of them begins.
+  // Instead of how many entries were passed over, if they are so many or more: then the number follows.
+  static constexpr std::uint8_t kFar = 255;
+  // So many words share a number of where their postings begin.
   static constexpr std::uint32_t kWordsPerBlock = 16;
-  struct Block {
-    std::uint32_t gaps;       // in `bytes_`
-    std::uint32_t posting;    // number of its first posting
-    std::uint32_t more;       // in `bytes_`, where words follow that are there more than once
-    std::uint32_t more_from;  // the number that the first of these counts from
-  };
-  // Where a word begins, from what its block says on.
-  struct Within {
-    std::uint16_t gaps, posting;
+  static constexpr std::uint16_t kNone = 0xffff;
+  // Of a word.
+  struct Place {
+    std::uint32_t more;                // in `bytes_`, how often that entry has it; those that follow come behind it
+    std::uint16_t first_more = kNone;  // the first of its postings whose entry has it more than once
+    std::uint16_t gaps;                // where its postings begin, from its block's on
   };
 
+  std::uint8_t Byte(std::uint32_t at) const { return static_cast<std::uint8_t>(bytes_.view()[at]); }
+  // Reads a number and goes on behind it; the greatest beyond the end.
+  std::uint32_t VarintAt(std::uint32_t* at) const;
+  std::uint32_t BeginOf(WordId word) const { return blocks_[word / kWordsPerBlock] + places_[word].gaps; }
+  std::uint32_t EndOf(WordId word) const {
+    const bool last = word + std::size_t{1} == places_.size() || (word + 1) % kWordsPerBlock == 0;
+    return last ? blocks_[word / kWordsPerBlock + 1] : BeginOf(word + 1);
+  }
   void FetchPlace(WordId word) const {
-    if (word >= within_.size()) return;
+    if (word >= places_.size()) return;
     __builtin_prefetch(&blocks_[word / kWordsPerBlock]);
-    __builtin_prefetch(&within_[word]);
+    __builtin_prefetch(&places_[word]);
   }
   void FetchPostings(WordId word) const {
-    if (word < within_.size())
-      __builtin_prefetch(bytes_.data() + blocks_[word / kWordsPerBlock].gaps + within_[word].gaps);
+    if (word >= places_.size()) return;
+    __builtin_prefetch(bytes_.view().data() + BeginOf(word));
+    if (places_[word].first_more != kNone) __builtin_prefetch(bytes_.view().data() + places_[word].more);
   }
+  class Packing;
   // Finds its way in `bytes_`, and checks them.
   absl::Status Index(std::size_t num_words);
   absl::Status IndexGaps(const std::vector<std::uint16_t>& counts, std::size_t* at);
-  absl::Status IndexMore(std::uint32_t num_postings, std::size_t at);
-  // The postings of a word, of which there are at most kMaxEntries, into `out`; gives their number.
-  std::size_t Read(WordId word, Posting* out) const;
+  absl::Status IndexMore(const std::vector<std::uint16_t>& counts, std::uint32_t num_postings, std::size_t at);
 
   std::uint32_t first_ = 0;
-  std::string bytes_;           // as they are packed
-  std::vector<double> sum_;     // of term weights, by entry
-  std::vector<Block> blocks_;   // and the end
-  std::vector<Within> within_;  // by word
+  SharedBytes bytes_;                  // as they are packed
+  std::vector<double> sum_;            // of term weights, by entry
+  std::vector<std::uint32_t> blocks_;  // in `bytes_`, where the postings of the first of their words begin; and the end
+  std::vector<Place> places_;          // by word
 };
 
 }  // namespace cairn::place

@@ -68,12 +68,13 @@ absl::StatusOr<std::optional<std::uint32_t>> ReadNumWords(Database* database) {
   constexpr absl::string_view kMagic = "CAIRNVOC";
   constexpr std::size_t kNumWordsAt = 24;
   std::uint32_t num_words = 0;
-  const auto start = database->ReadBlob("vocabulary", "bytes", 1, kNumWordsAt + sizeof(num_words));
-  if (!start.ok() && !IsDamaged(start.status())) return start.status();
-  if (!start.ok() || !*start || (*start)->compare(0, kMagic.size(), kMagic.data(), kMagic.size()) != 0) {
+  std::array<char, kNumWordsAt + sizeof(num_words)> start;
+  const auto read = database->ReadBlob("vocabulary", "bytes", 1, start);
+  if (!read.ok() && !IsDamaged(read.status())) return read.status();
+  if (!read.ok() || !*read || std::memcmp(start.data(), kMagic.data(), kMagic.size()) != 0) {
     return std::optional<std::uint32_t>();
   }
-  std::memcpy(&num_words, (*start)->data() + kNumWordsAt, sizeof(num_words));
+  std::memcpy(&num_words, start.data() + kNumWordsAt, sizeof(num_words));
   return num_words;
 }
 

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "absl/strings/string_view.h"
+#include "base/shared_bytes.h"
 #include "base/status.h"
 #include "map/changed_rows.h"
 #include "map/delta.h"
@@ -76,7 +77,7 @@ struct ReadyOptions {
   std::size_t feature_budget_bytes = 0;  // as of LoadOptions
   // Is given the place index, part by part: the keyframes of a place::PostingSegment (none: that have left the map),
   // and its bytes. After an error the map is not ready.
-  std::function<absl::Status(std::span<const KeyframeId> keyframes, absl::string_view packed)> segment = {};
+  std::function<absl::Status(std::span<const KeyframeId> keyframes, SharedBytes packed)> segment = {};
 };
 
 // Sizes, without loading the map.

@@ -85,9 +85,10 @@ absl::Status ReadyCheck::ReadPlaces() {
   for (std::uint32_t number = 0; number < index_->segments.size(); ++number) {
     const std::vector<KeyframeId>& keyframes = index_->segments[number];
     auto segment = [&]() -> absl::StatusOr<place::PostingSegment> {
-      CAIRN_ASSIGN_OR_RETURN(const auto page, ReadReadyPage(database_, ReadyKind::kPlaces, number));
+      CAIRN_ASSIGN_OR_RETURN(auto page, ReadReadyPage(database_, ReadyKind::kPlaces, number));
       if (!page) return absl::DataLossError("it is missing");
-      CAIRN_ASSIGN_OR_RETURN(auto unpacked, place::PostingSegment::Unpack(0, idf_.size(), *page));
+      CAIRN_ASSIGN_OR_RETURN(auto unpacked,
+                             place::PostingSegment::Unpack(0, idf_.size(), SharedBytes(*std::move(page))));
       if (unpacked.num_entries() != keyframes.size()) return absl::DataLossError("it is of other keyframes");
       return unpacked;
     }();

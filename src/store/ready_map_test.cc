@@ -80,10 +80,9 @@ class ReadyMapTest : public ::testing::Test {
     loaded.places = std::make_shared<place::InvertedIndex>(idf);
     ReadyOptions options;
     options.feature_budget_bytes = 1'000'000;
-    options.segment = [&](std::span<const KeyframeId> keyframes, absl::string_view packed) -> absl::Status {
+    options.segment = [&](std::span<const KeyframeId> keyframes, SharedBytes packed) -> absl::Status {
       CAIRN_ASSIGN_OR_RETURN(auto segment,
-                             place::PostingSegment::Unpack(loaded.places->num_entries(), kNumWords,
-                                                           std::string_view(packed.data(), packed.size())));
+                             place::PostingSegment::Unpack(loaded.places->num_entries(), kNumWords, std::move(packed)));
       std::vector<std::uint32_t> ids;
       for (const KeyframeId id : keyframes) ids.push_back(id.value());
       ++loaded.segments;

@@ -340,21 +340,18 @@ absl::Status Database::ReadRaw(std::span<std::uint8_t> bytes, std::int64_t offse
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::optional<std::string>> Database::ReadBlob(const char* table, const char* column,
-                                                              std::int64_t row_id, std::size_t num_bytes) {
+absl::StatusOr<bool> Database::ReadBlob(const char* table, const char* column, std::int64_t row_id,
+                                        std::span<char> bytes) {
   sqlite3_blob* blob = nullptr;
   int rc = sqlite3_blob_open(handle_, "main", table, column, row_id, /*flags=*/0, &blob);
-  if (rc == SQLITE_ERROR) return std::nullopt;  // no such row, or something else in it
+  if (rc == SQLITE_ERROR) return false;  // no such row, or something else in it
   if (rc != SQLITE_OK) return SqliteError(handle_, rc);
-  std::optional<std::string> bytes;
-  if (num_bytes <= static_cast<std::size_t>(sqlite3_blob_bytes(blob))) {
-    bytes.emplace(num_bytes, '\0');
-    rc = sqlite3_blob_read(blob, bytes->data(), static_cast<int>(num_bytes), 0);
-  }
+  const bool enough = bytes.size() <= static_cast<std::size_t>(sqlite3_blob_bytes(blob));
+  if (enough) rc = sqlite3_blob_read(blob, bytes.data(), static_cast<int>(bytes.size()), 0);
   const absl::Status status = SqliteError(handle_, rc);
   sqlite3_blob_close(blob);
   if (!status.ok()) return status;
-  return bytes;
+  return enough;
 }
 
 // --- Transaction ---

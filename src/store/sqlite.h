@@ -114,9 +114,9 @@ class Database {
   // Likewise any bytes, from `offset` on.
   absl::Status ReadRaw(std::span<std::uint8_t> bytes, std::int64_t offset);
 
-  // The first bytes of a blob, without a copy of all of it on the way. Nothing if the row has no blob of so many.
-  absl::StatusOr<std::optional<std::string>> ReadBlob(const char* table, const char* column, std::int64_t row_id,
-                                                      std::size_t num_bytes);
+  // As many of the first bytes of a blob as there is room for, without a copy of all of it on the way. False if the row
+  // has no blob of so many.
+  absl::StatusOr<bool> ReadBlob(const char* table, const char* column, std::int64_t row_id, std::span<char> bytes);
 
  private:
   explicit Database(sqlite3* handle) : handle_(handle) {}

@@ -306,12 +306,13 @@ absl::StatusOr<std::string> SqliteMapStore::LoadVocabulary() {
     const std::int64_t checksum = rows.Int(0);
     const auto size = static_cast<std::size_t>(rows.Int(1));
     rows.Reset();
-    CAIRN_ASSIGN_OR_RETURN(std::optional<std::string> bytes, database_->ReadBlob("vocabulary", "bytes", 1, size));
-    if (!bytes || checksum != BlobChecksum(AsBytes(*bytes))) {
+    std::string bytes(size, '\0');
+    CAIRN_ASSIGN_OR_RETURN(const bool read, database_->ReadBlob("vocabulary", "bytes", 1, bytes));
+    if (!read || checksum != BlobChecksum(AsBytes(bytes))) {
       return DamagedBy({"vocabulary", 1, "bytes: wrong checksum"});
     }
     CAIRN_RETURN_IF_ERROR(CheckUnchanged());
-    return *std::move(bytes);
+    return bytes;
   }();
   if (!loaded.ok()) return Annotated(loaded.status());
   return loaded;

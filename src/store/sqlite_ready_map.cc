@@ -62,15 +62,17 @@ absl::Status ReadSegments(Database* database, const ReadyIndex& index, const Rea
     const auto size = static_cast<std::size_t>(rows.Int(2));
     rows.Reset();
     // They are most of what opening reads: not copied on the way.
-    CAIRN_ASSIGN_OR_RETURN(const auto bytes, database->ReadBlob("ready_pages", "bytes", page, size));
-    if (!bytes) return absl::DataLossError("a part of the place index is no blob");
-    CAIRN_ASSIGN_OR_RETURN(const Bytes content, OpenReadyPage(page, revision, checksum, AsBytes(*bytes)));
-    const absl::string_view packed(reinterpret_cast<const char*>(content.data()), content.size());
+    std::span<char> memory;
+    const SharedBytes bytes = SharedBytes::New(size, &memory);
+    CAIRN_ASSIGN_OR_RETURN(const bool read, database->ReadBlob("ready_pages", "bytes", page, memory));
+    if (!read) return absl::DataLossError("a part of the place index is no blob");
+    const Bytes sealed(reinterpret_cast<const std::uint8_t*>(memory.data()), memory.size());
+    CAIRN_ASSIGN_OR_RETURN(const Bytes content, OpenReadyPage(page, revision, checksum, sealed));
     keyframes = index.segments[number];
     for (KeyframeId& id : keyframes) {
       if (index.Find(id) == nullptr) id = KeyframeId();
     }
-    CAIRN_RETURN_IF_ERROR(options.segment(keyframes, packed));
+    CAIRN_RETURN_IF_ERROR(options.segment(keyframes, bytes.From(size - content.size())));
   }
   return absl::OkStatus();
 }

@@ -90,11 +90,11 @@ absl::Status PlaceIndex::Builder::Add(KeyframeId keyframe, const std::vector<pla
   return waiting_.size() < kAddedAtOnce ? absl::OkStatus() : Flush();
 }
 
-absl::Status PlaceIndex::Builder::AddSegment(std::span<const KeyframeId> keyframes, std::string_view packed) {
+absl::Status PlaceIndex::Builder::AddSegment(std::span<const KeyframeId> keyframes, SharedBytes packed) {
   CAIRN_RETURN_IF_ERROR(Flush());
   std::uint32_t number = shared_->index.num_entries();
   CAIRN_ASSIGN_OR_RETURN(place::PostingSegment segment,
-                         place::PostingSegment::Unpack(number, shared_->node_of_word.size(), packed));
+                         place::PostingSegment::Unpack(number, shared_->node_of_word.size(), std::move(packed)));
   std::vector<std::uint32_t> ids;
   ids.reserve(keyframes.size());
   for (const KeyframeId keyframe : keyframes) ids.push_back(keyframe.value());
@@ -171,9 +171,10 @@ absl::StatusOr<PlaceIndex> PlaceIndex::After(const map::Delta& delta, const map:
 
 const place::Vocabulary& PlaceIndex::vocabulary() const { return *shared_->vocabulary; }
 
-std::vector<place::Candidate> PlaceIndex::Query(const place::BowVector& words,
-                                                const place::QueryOptions& options) const {
-  return shared_->index.Query(words, options, [this](std::uint32_t id, std::uint32_t number) {
+place::Scores PlaceIndex::Score(const place::BowVector& words) const { return shared_->index.Score(words); }
+
+std::vector<place::Candidate> PlaceIndex::Best(const place::Scores& scores, const place::QueryOptions& options) const {
+  return shared_->index.Best(scores, options, [this](std::uint32_t id, std::uint32_t number) {
     const std::uint32_t* entry = entries_.Find(KeyframeId(id));
     return entry != nullptr && *entry == number;
   });

@@ -6,9 +6,9 @@
 #include <cstdint>
 #include <memory>
 #include <span>
-#include <string_view>
 #include <vector>
 
+#include "base/shared_bytes.h"
 #include "base/status.h"
 #include "map/delta.h"
 #include "map/snapshot.h"
@@ -40,7 +40,7 @@ class PlaceIndex {
     absl::Status Add(KeyframeId keyframe, const std::vector<place::WordId>& words);
     // Those that were packed before (place::PostingSegment), in the order of the entries; none where a keyframe has
     // left the map since. DataLoss if the bytes are of others, or a keyframe came before.
-    absl::Status AddSegment(std::span<const KeyframeId> keyframes, std::string_view packed);
+    absl::Status AddSegment(std::span<const KeyframeId> keyframes, SharedBytes packed);
     // Errors as of After(); FailedPrecondition if these are not the keyframes of the map, or its words are of another
     // vocabulary.
     absl::StatusOr<PlaceIndex> Finish(const map::Snapshot& map) &&;
@@ -65,8 +65,12 @@ class PlaceIndex {
   const place::Vocabulary& vocabulary() const;
   std::size_t size() const { return entries_.size(); }
 
-  // Ids of candidates are the values of KeyframeIds.
-  std::vector<place::Candidate> Query(const place::BowVector& words, const place::QueryOptions& options) const;
+  // As of place::InvertedIndex; ids of candidates are the values of KeyframeIds.
+  place::Scores Score(const place::BowVector& words) const;
+  std::vector<place::Candidate> Best(const place::Scores& scores, const place::QueryOptions& options) const;
+  std::vector<place::Candidate> Query(const place::BowVector& words, const place::QueryOptions& options) const {
+    return Best(Score(words), options);
+  }
   // Per feature of the keyframe, its node; empty for a keyframe that is not here.
   std::vector<place::NodeId> NodesOf(const map::Keyframe& keyframe) const;
 

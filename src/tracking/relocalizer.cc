@@ -96,6 +96,7 @@ class PlaceSearch {
   }
 
   absl::StatusOr<Relocalization> Run() {
+    scores_ = query_.places.Score(query_.words.bow);
     const auto candidates = Candidates({});
     miss_.counts.candidates = static_cast<int>(candidates.size());
     if (trace_ != nullptr) trace_->candidates = candidates;
@@ -128,7 +129,7 @@ class PlaceSearch {
         return taken.contains(keyframe) || (bounded && !area_.MayShareView(query_.map, query_.map.keyframe(keyframe)));
       };
     }
-    return query_.places.Query(query_.words.bow, wanted);
+    return query_.places.Best(scores_, wanted);
   }
 
   std::vector<GroupMatch> Match(const CandidateGroup& group) const {
@@ -266,6 +267,7 @@ class PlaceSearch {
   const RelocalizerOptions& options_;
   const SearchArea& area_;
   RelocalizationTrace* const trace_;        // null: nobody asks
+  place::Scores scores_;                    // of the map's keyframes
   std::vector<Relocalization> found_;       // each at a place of its own
   Relocalization miss_;                     // that got furthest, ...
   std::vector<GroupMatch> missed_matches_;  // ... and what it was tried with
