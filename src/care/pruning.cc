@@ -158,7 +158,7 @@ absl::StatusOr<PrunePlan> PlanPruning(const std::shared_ptr<const map::Snapshot>
   plan.bytes_before = overview.summary.file_bytes;
   if (!options.budget_bytes || !pruner.InBudget()) pruner.DropClutter();
   pruner.DropKeyframes();
-  if (!pruner.InBudget()) {
+  if (!pruner.InBudget() && !options.as_far_as_possible) {
     return absl::FailedPreconditionError(absl::StrFormat(
         "it cannot be made smaller than %.1f MB without losing whole components or more than all redundancy: of that "
         "%.1f MB are the vocabulary, the log and the file's own; see also cairn pack --localization-only",

@@ -22,7 +22,8 @@ struct PruneOptions {
   // see as well, half the largest share that a single one of them sees.
   std::optional<std::int64_t> budget_bytes;
   double min_redundancy = 0.7;
-  int min_keyframes = 3;  // of a component that are left, whatever the budget
+  bool as_far_as_possible = false;  // what there is instead of an error, if the budget cannot be kept
+  int min_keyframes = 3;            // of a component that are left, whatever the budget
 
   absl::Status Validate() const;
 };
@@ -32,7 +33,7 @@ struct PrunePlan {
   std::int64_t keyframes = 0, points = 0;            // that go
   std::int64_t keyframes_left = 0, points_left = 0;  // that stay
   std::int64_t bytes_before = 0;                     // of the file as it is
-  std::int64_t bytes_after = 0;                      // predicted, once it is compacted
+  std::int64_t bytes_after = 0;                      // estimated, once it is compacted (pruning_trial.h: tried)
 };
 
 // How many bytes what `map` holds would take in a file of its own, by how much it takes in the one of `overview`, of

@@ -1,8 +1,7 @@
-#include "care/pruning.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "care/pruning_trial.h"
 #include "care/testing_room.h"
 #include "care/whole_map.h"
 #include "store/testing_maps.h"
@@ -96,6 +95,34 @@ TEST_F(PruningTest, ABudgetIsKeptAndPredicted) {
   std::vector<bool> stood(10);
   after->keyframes().ForEach([&](const auto& keyframe) { stood[(keyframe->id.value() - 1) / 4] = true; });
   EXPECT_GE(std::ranges::count(stood, true), 9);
+}
+
+TEST_F(PruningTest, WhatIsTriedIsWhatTheFileHas) {
+  const std::string path = folder_.File("room.cairn");
+  const std::int64_t all = overview_.summary.file_bytes;
+  for (const double share : {1.0, 0.9, 0.8, 0.7}) {
+    PruneOptions options;
+    const auto budget = static_cast<std::int64_t>(share * static_cast<double>(all));
+    options.budget_bytes = budget;
+    const auto plan = TryPruning(path, map_, options);
+    ASSERT_TRUE(plan.ok()) << plan.status();
+    EXPECT_LE(plan->bytes_after, budget);
+    const std::string copy = folder_.File(absl::StrCat("pruned", share, ".cairn"));
+    ASSERT_TRUE((*store::OpenMapStore(path, store::OpenMode::kRead))->CopyTo(copy).ok());
+    auto store = *store::OpenMapStore(copy, store::OpenMode::kWrite);
+    const absl::Status committed = plan->delta.empty() ? absl::OkStatus() : store->Commit(plan->delta);
+    ASSERT_TRUE(committed.ok()) << committed;
+    ASSERT_TRUE(store->Close().ok());
+    store = *store::OpenMapStore(copy, store::OpenMode::kWrite);
+    ASSERT_TRUE(store->Compact().ok());
+    EXPECT_EQ(store->ReadSummary()->file_bytes, plan->bytes_after);
+    ASSERT_TRUE(store->Close().ok());
+  }
+  EXPECT_THAT(folder_.Names(), ::testing::Not(::testing::Contains(::testing::HasSubstr("trial"))));
+  PruneOptions options;
+  options.budget_bytes = 1000;
+  EXPECT_TRUE(absl::IsFailedPrecondition(TryPruning(path, map_, options).status()));
+  EXPECT_EQ(store::ReadMapOverview(path)->summary.revision, overview_.summary.revision) << "it is as it was";
 }
 
 TEST_F(PruningTest, WhatCannotBeKeptIsSaid) {

@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <memory>
 
-#include "care/pruning.h"
+#include "care/pruning_trial.h"
 #include "cli/cli.h"
 #include "cli/loaded_map.h"
 #include "cli/self_query_report.h"
@@ -47,9 +47,13 @@ absl::StatusOr<std::optional<care::SelfQueries>> AskBeforeAndAfter(const PruneCo
 }
 
 absl::StatusOr<PruneReport> PlanPrune(const PruneCommand& command, const tracking::MapView& view) {
-  CAIRN_ASSIGN_OR_RETURN(const store::MapOverview overview, store::ReadMapOverview(command.map));
   PruneReport report;
-  CAIRN_ASSIGN_OR_RETURN(report.plan, care::PlanPruning(view.snapshot(), overview, command.options));
+  if (command.dry_run || command.options.budget_bytes) {
+    CAIRN_ASSIGN_OR_RETURN(report.plan, care::TryPruning(command.map, view.snapshot(), command.options));
+  } else {
+    CAIRN_ASSIGN_OR_RETURN(const store::MapOverview overview, store::ReadMapOverview(command.map));
+    CAIRN_ASSIGN_OR_RETURN(report.plan, care::PlanPruning(view.snapshot(), overview, command.options));
+  }
   CAIRN_ASSIGN_OR_RETURN(report.queries, AskBeforeAndAfter(command, view, report.plan));
   return report;
 }
@@ -91,7 +95,7 @@ void PrintPrune(const PruneCommand& command, const PruneReport& report) {
               command.dry_run ? "would go" : "are gone");
   std::printf("  %.2f MB now, %.2f MB %s\n", static_cast<double>(plan.bytes_before) / 1e6,
               static_cast<double>(report.bytes_after.value_or(plan.bytes_after)) / 1e6,
-              report.bytes_after ? "without them" : "predicted, once compacted");
+              report.bytes_after ? "without them" : "once compacted");
   if (!report.queries || report.queries->whole.views == 0) return;
   PrintSelfQueries(*report.queries);
 }
@@ -118,7 +122,8 @@ void AddPruneCommand(CLI::App& app, Action* action) {
   auto command = std::make_shared<PruneCommand>();
   verb->add_option("MAP", command->map, "Map file (.cairn)")->required();
   verb->add_option("--budget-mb", command->budget_mb,
-                   "Keyframes go, the most redundant first, until the file has so many megabytes (10^6 bytes)")
+                   "Keyframes go, the most redundant first, until the file has at most so many megabytes (10^6 bytes); "
+                   "tried on copies beside it")
       ->check(CLI::PositiveNumber);
   verb->add_option(
           "--redundancy", command->options.min_redundancy,
