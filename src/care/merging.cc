@@ -7,6 +7,7 @@
 
 #include "care/adjustment.h"
 #include "care/whole_map.h"
+#include "inspect/difference.h"
 #include "map/edit.h"
 #include "mapping/feature_mapper_options.h"
 #include "mapping/point_fusion.h"
@@ -29,14 +30,13 @@ class HeadInMemory final : public mapping::MapHead {
   std::shared_ptr<const tracking::MapView> view_;
 };
 
-bool HaveKeyframesInCommon(const map::Snapshot& first, const map::Snapshot& second) {
-  bool common = false;
-  first.keyframes().ForEach([&](const auto& keyframe) {
-    const map::Keyframe* other = second.keyframes().Find(keyframe->id);
-    common |= other != nullptr && other->time_ns == keyframe->time_ns &&
-              other->features->features.descriptors == keyframe->features->features.descriptors;
-  });
-  return common;
+// Copies of one map, or all of one in the other: what both have would be there twice. Two runs of one recording may
+// have begun alike.
+bool AreCopies(const map::Snapshot& first, const map::Snapshot& second) {
+  std::size_t common = 0;
+  first.keyframes().ForEach([&](const auto& keyframe) { common += inspect::SameKeyframe(*keyframe, second) ? 1 : 0; });
+  return common == std::min(first.keyframes().size(), second.keyframes().size()) ||
+         (common > 0 && first.info().id == second.info().id);
 }
 
 class Merging {
@@ -177,9 +177,10 @@ absl::StatusOr<Merged> MergeMaps(const std::shared_ptr<const map::Snapshot>& fir
   if (words == nullptr) {
     return absl::FailedPreconditionError("the first map has no vocabulary, so that no place can be found in it");
   }
-  if (HaveKeyframesInCommon(*first, second)) {
+  if (AreCopies(*first, second)) {
     return absl::FailedPreconditionError(
-        "they have keyframes in common: two copies of one map, not two maps (cairn diff says what they differ in)");
+        "they have keyframes in common: two copies of one map, or one that is all in the other, not two maps (cairn "
+        "diff says what they differ in)");
   }
   CAIRN_ASSIGN_OR_RETURN(const auto before, tracking::MapView::Create(first, words));
   CAIRN_ASSIGN_OR_RETURN(const map::Delta beside, Beside(*first, second, words.get(), "merge"));

@@ -9,14 +9,17 @@
 #include "inspect/measures.h"
 
 namespace cairn::inspect {
-namespace {
 
-// Keyframes of the same id and time: of maps that have nothing to do with each other ids coincide, too.
-const map::Keyframe* Same(const map::Keyframe& keyframe, const map::Snapshot& other) {
+const map::Keyframe* SameKeyframe(const map::Keyframe& keyframe, const map::Snapshot& other) {
   const map::Keyframe* found = other.keyframes().Find(keyframe.id);
-  return found != nullptr && found->time_ns == keyframe.time_ns && found->frame_index == keyframe.frame_index ? found
-                                                                                                              : nullptr;
+  const bool same = found != nullptr && found->time_ns == keyframe.time_ns &&
+                    found->frame_index == keyframe.frame_index &&
+                    found->camera_from_direct.rotation().coeffs() == keyframe.camera_from_direct.rotation().coeffs() &&
+                    found->camera_from_direct.translation() == keyframe.camera_from_direct.translation();
+  return same ? found : nullptr;
 }
+
+namespace {
 
 using ComponentPair = std::pair<ComponentId, ComponentId>;
 
@@ -48,7 +51,8 @@ class Comparison {
     CompareKeyframes();
     if (difference_.keyframes_kept == 0 && !first_.keyframes().empty() && !second_.keyframes().empty()) {
       return absl::FailedPreconditionError(
-          "the two have no keyframe in common: they are not states of one map, nor copies of one that went on");
+          "the two have no keyframe in common: they are not states of one map, nor copies of one that went on "
+          "(of one recording two runs make two maps; cairn merge joins such)");
     }
     ComparePoints();
     CompareHeads();
@@ -60,7 +64,7 @@ class Comparison {
     std::map<ComponentPair, Common> common;
     first_.keyframes().ForEach([&](const auto& keyframe) {
       difference_.observations_before += NumPoints(*keyframe);
-      const map::Keyframe* other = Same(*keyframe, second_);
+      const map::Keyframe* other = SameKeyframe(*keyframe, second_);
       if (other == nullptr) {
         difference_.keyframes_removed.push_back(keyframe->id);
         return;
@@ -76,7 +80,7 @@ class Comparison {
     }
     second_.keyframes().ForEach([&](const auto& keyframe) {
       difference_.observations_after += NumPoints(*keyframe);
-      const map::Keyframe* before = Same(*keyframe, first_);
+      const map::Keyframe* before = SameKeyframe(*keyframe, first_);
       if (before == nullptr) {
         difference_.keyframes_added.push_back(keyframe->id);
         return;
@@ -94,9 +98,25 @@ class Comparison {
     std::ranges::stable_sort(difference_.keyframe_moves, std::ranges::greater(), &KeyframeMove::shift);
   }
 
+  // A point of the second map that the first has as well: somebody sees it in both, by the same feature.
+  const map::MapPoint* Now(const map::MapPoint& point) const {
+    const map::MapPoint* now = second_.points().Find(point.id);
+    if (now == nullptr) return nullptr;
+    const auto sees_both = [&](const map::Observation& observation) {
+      const map::Keyframe* keyframe = first_.keyframes().Find(observation.keyframe);
+      const map::Keyframe* other = keyframe == nullptr ? nullptr : SameKeyframe(*keyframe, second_);
+      if (other == nullptr) return false;
+      const auto there = std::ranges::find(now->observations, keyframe->id, &map::Observation::keyframe);
+      // Features have other numbers where some were left out.
+      return there != now->observations.end() && keyframe->features->features.descriptors[observation.feature] ==
+                                                     other->features->features.descriptors[there->feature];
+    };
+    return std::ranges::any_of(point.observations, sees_both) ? now : nullptr;
+  }
+
   void ComparePoints() {
     first_.points().ForEach([&](const auto& point) {
-      const map::MapPoint* now = second_.points().Find(point->id);
+      const map::MapPoint* now = Now(*point);
       const auto fit =
           now == nullptr ? fits_.end() : fits_.find({ComponentOf(first_, *point), ComponentOf(second_, *now)});
       if (fit == fits_.end()) {
@@ -109,7 +129,8 @@ class Comparison {
     });
     second_.points().ForEach([&](const auto& point) {
       const map::MapPoint* before = first_.points().Find(point->id);
-      if (before == nullptr || !fits_.contains({ComponentOf(first_, *before), ComponentOf(second_, *point)})) {
+      if (before == nullptr || Now(*before) == nullptr ||
+          !fits_.contains({ComponentOf(first_, *before), ComponentOf(second_, *point)})) {
         difference_.points_added.push_back(point->id);
       }
     });

@@ -1,5 +1,6 @@
-// What two maps with a common past differ in: a map and an earlier copy of it, or two that went on from one copy. Ids
-// are never used twice, so that what has the same id and time is the same.
+// What two maps with a common past differ in: a map and an earlier copy of it, or two that went on from one copy. In
+// one map ids are never used twice; in two that went on, or have nothing in common, the same ids stand for other
+// things.
 //
 // Where a component is placed does not matter: each is laid onto the other map's by the similarity that fits the
 // cameras of its common keyframes best, robustly, so that what has moved stands out.
@@ -13,6 +14,10 @@
 #include "map/snapshot.h"
 
 namespace cairn::inspect {
+
+// The keyframe of `other` that this is as well; none: null. Apart from its id and time a keyframe has the pose that it
+// came with, which nothing changes and two runs of one recording hardly share.
+const map::Keyframe* SameKeyframe(const map::Keyframe& keyframe, const map::Snapshot& other);
 
 struct DifferenceOptions {
   bool align = true;  // false: positions are compared as they stand

@@ -76,6 +76,27 @@ TEST(Difference, AChangeOfFrameIsNoMove) {
   EXPECT_GT(as_it_stands->keyframe_moves[0].shift, 1.0);
 }
 
+// Two copies of a map went on by themselves: what each calls point 301 is another.
+TEST(Difference, WhatWasAddedToEitherIsNotTheSame) {
+  const TestMap world = MakeMap(3, 8, 300);
+  const auto went_on = [&](std::int64_t time_ns, KeyframeId by) {
+    return After(world.snapshot, [&](map::Edit* edit) {
+      map::Keyframe keyframe = edit->keyframe(by);
+      keyframe.time_ns = time_ns;
+      const KeyframeId id = edit->AddKeyframe(keyframe);
+      EXPECT_TRUE(edit->AddObservation(edit->AddPoint(Vector3d(0.1 * by.value(), 0, 3)), id, 0));
+      edit->LinkIfAlone(id, by);
+    });
+  };
+  const auto first = went_on(1, KeyframeId(2)), second = went_on(2, KeyframeId(6));
+  const auto difference = Compare(*first, *second);
+  ASSERT_TRUE(difference.ok()) << difference.status();
+  EXPECT_THAT(difference->keyframes_added, ElementsAre(KeyframeId(9)));
+  EXPECT_THAT(difference->keyframes_removed, ElementsAre(KeyframeId(9)));
+  EXPECT_EQ(difference->points_added.size(), 1u);
+  EXPECT_EQ(difference->points_removed, difference->points_added);
+}
+
 TEST(Difference, MapsThatHaveNothingInCommonAreNotCompared) {
   const TestMap one = MakeMap(3, 4, 200);
   const auto other = After(one.snapshot, [&](map::Edit* edit) {
@@ -88,6 +109,15 @@ TEST(Difference, MapsThatHaveNothingInCommonAreNotCompared) {
     edit->AddKeyframe(keyframe);
   });
   EXPECT_TRUE(absl::IsFailedPrecondition(Compare(*one.snapshot, *shifted).status()));
+  // Ids and times of two runs coincide.
+  map::Keyframe again = one.snapshot->keyframe(KeyframeId(1));
+  const auto run_again = After(map::testing::MakeWorld(3, 4, 200).snapshot, [&](map::Edit* edit) {
+    again.component = ComponentId();
+    again.camera_from_direct = again.camera_from_direct * SE3(Quaterniond::Identity(), Vector3d(1e-9, 0, 0));
+    edit->AddKeyframe(again);
+  });
+  ASSERT_EQ(run_again->keyframe(KeyframeId(1)).time_ns, one.snapshot->keyframe(KeyframeId(1)).time_ns);
+  EXPECT_TRUE(absl::IsFailedPrecondition(Compare(*one.snapshot, *run_again).status()));
   EXPECT_TRUE(Compare(*one.snapshot, *other).ok());
 }
 

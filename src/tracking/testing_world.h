@@ -150,6 +150,11 @@ inline std::shared_ptr<const map::Snapshot> BuildMap(const World& world, const s
     for (const auto& descriptor : view.features.descriptors) features->words.push_back(vocabulary.Lookup(descriptor));
     features->features = std::move(view.features);
     keyframe.camera_from_map = pose;
+    // As an odometry has it, which two runs do not share: off by what the noise of the view comes to.
+    const auto& seen = features->features.keypoints;
+    Vector3d off = Vector3d::Zero();
+    if (!seen.empty()) off = 1e-6 * Vector3d(seen[0].x_px, seen[0].y_px, 0.0);
+    keyframe.camera_from_direct = SE3(Quaterniond::Identity(), off) * pose;
     keyframe.features = features;
     const KeyframeId id = edit.AddKeyframe(keyframe);
     for (std::uint32_t i = 0; i < view.point_of_feature.size(); ++i) {

@@ -89,6 +89,13 @@ void PrintDifference(const DiffOptions& options, const Compared& compared) {
   std::printf("%s (revision %llu) to %s (revision %llu)\n", text::Shown(options.first).c_str(),
               static_cast<unsigned long long>(compared.first->revision()), text::Shown(options.second).c_str(),
               static_cast<unsigned long long>(compared.second->revision()));
+  if (compared.first->info().id != compared.second->info().id) {
+    std::fputs(text::Wrapped("two maps, as their ids say (cairn info): made apart from recordings that begin alike, or "
+                             "one packed, split, merged or recovered from the other",
+                             "  ", "    ")
+                   .c_str(),
+               stdout);
+  }
   if (d.same()) {
     std::printf("  nothing differs\n");
     return;
@@ -151,6 +158,7 @@ void PrintDifferenceJson(const DiffOptions& options, const Compared& compared) {
              {"second", options.second},
              {"first_revision", compared.first->revision()},
              {"second_revision", compared.second->revision()},
+             {"same_map", compared.first->info().id == compared.second->info().id},
              {"same", d.same()},
              {"unit", ShiftUnit(d)},
              {"sessions_added", IdsAsJson(d.sessions_added)},
