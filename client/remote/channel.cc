@@ -11,6 +11,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "client/remote/server_token.h"
 #include "store/fault.h"
@@ -95,6 +96,26 @@ std::string HintFor(const std::string& said, const RemoteOptions& options) {
   return "is cairnd running there?";
 }
 
+// gRPC's own words have the two sizes: "... larger than max (1200060 vs. 1048576)".
+std::string TooLargeText(const std::string& said, const std::string& server) {
+  const std::size_t open = said.find('('), versus = said.find(" vs. ", open), close = said.find(')', versus);
+  double size = 0.0, most = 0.0;
+  if (open == std::string::npos || versus == std::string::npos || close == std::string::npos ||
+      !absl::SimpleAtod(said.substr(open + 1, versus - open - 1), &size) ||
+      !absl::SimpleAtod(said.substr(versus + 5, close - versus - 5), &most)) {
+    return said;
+  }
+  constexpr double kMb = 1 << 20;
+  if (most >= kMaxMessageBytes) {
+    return absl::StrFormat("the answer of %s is too large: %.1f MB, and %.1f are taken", server, size / kMb,
+                           most / kMb);
+  }
+  return absl::StrFormat(
+      "%s takes messages of %.2f MB at most, and this one has %.2f: send a smaller or a compressed image, or its "
+      "features (--send features); whoever runs the server can let it take more (cairnd --max-message-mb)",
+      server, most / kMb, size / kMb);
+}
+
 }  // namespace
 
 std::shared_ptr<grpc::Channel> NewChannel(const RemoteOptions& options) {
@@ -151,9 +172,31 @@ bool Outage::Wait(const absl::Status& status) {
   return !given_up();
 }
 
+bool Patience::Wait(const absl::Status& status) {
+  const double after_s = wire::RetryAfterOf(status);
+  if (!absl::IsResourceExhausted(status) || !(after_s > 0.0)) return false;
+  // Those who were refused together do not come back together.
+  thread_local std::minstd_rand random{std::random_device{}()};
+  const double pause_s = 0.01 + after_s * std::uniform_real_distribution<>(1.0, 1.25)(random);
+  const Clock::time_point now = Clock::now();
+  const std::chrono::duration<double> waited = now - begun_;
+  if (waited.count() + pause_s > options_.outage_s) return false;
+  const auto until = now + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(pause_s));
+  constexpr std::chrono::milliseconds kLook(50);
+  while (Clock::now() < until) {
+    if (options_.give_up && options_.give_up()) return false;
+    std::this_thread::sleep_until(std::min(until, Clock::now() + kLook));
+  }
+  return true;
+}
+
 absl::Status FromGrpc(const grpc::Status& status, const RemoteOptions& options) {
   if (status.ok()) return absl::OkStatus();
   const std::string& server = options.server;
+  if (status.error_code() == grpc::StatusCode::RESOURCE_EXHAUSTED && status.error_details().empty() &&
+      absl::StrContains(status.error_message(), "larger than max")) {
+    return absl::ResourceExhaustedError(TooLargeText(status.error_message(), server));
+  }
   // What the server has to say of an error comes with details; what comes without is the connection's.
   if (status.error_code() == grpc::StatusCode::UNAVAILABLE && status.error_details().empty()) {
     return absl::UnavailableError(absl::StrCat("no answer from ", server, " (", status.error_message(),

@@ -44,6 +44,31 @@ class Outage {
   int attempts_ = 0;
 };
 
+// The patience with a server that refuses a call as this client asks too much, and says when to come again
+// (wire::RetryAfterOf). Such a call was never begun: any may be made again, not only one that only reads.
+class Patience {
+ public:
+  explicit Patience(const RemoteOptions& options) : options_(options) {}  // must outlive it
+
+  // After such a refusal: waits as it says and a little longer, and returns true: try again. False for anything else,
+  // if that would take it beyond RemoteOptions::outage_s in all, or who waits gives up.
+  bool Wait(const absl::Status& status);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  const RemoteOptions& options_;
+  const Clock::time_point begun_ = Clock::now();
+};
+
+// `call`, again and again while it is refused so.
+template <class Function>
+absl::Status Patiently(const RemoteOptions& options, const Function& call) {
+  Patience patience(options);
+  absl::Status status = call();
+  while (patience.Wait(status)) status = call();
+  return status;
+}
+
 // With its fault, and for a server that cannot be reached with its name and what to do.
 absl::Status FromGrpc(const grpc::Status& status, const RemoteOptions& options);
 

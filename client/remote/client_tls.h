@@ -22,7 +22,8 @@ struct ClientTls {
   std::string key_pem;
 };
 
-// None unless it is on. Errors name the file; InvalidArgument for one that has no certificate, or no key, in it.
+// None unless it is on. Errors name the file; InvalidArgument for one that has no certificate, or no key, in it,
+// FailedPrecondition for a key that is not of the certificate.
 absl::StatusOr<std::optional<ClientTls>> LoadClientTls(const ClientTlsFiles& files);
 
 }  // namespace cairn::client

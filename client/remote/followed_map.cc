@@ -1,5 +1,6 @@
 #include "client/remote/followed_map.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "base/guarded.h"
@@ -8,6 +9,7 @@
 #include "place/default_vocabulary.h"
 #include "store/fault.h"
 #include "wire/convert_map_rows.h"
+#include "wire/errors.h"
 
 namespace cairn::client {
 namespace {
@@ -143,6 +145,7 @@ void FollowedMap::MoveTo(const map::RegionQuery& region) {
 }
 
 void FollowedMap::Run() {
+  const Clock::time_point begun = Clock::now();
   for (int attempt = 0;;) {
     const Clock::time_point before = Clock::now();
     const absl::Status status = Guarded([&] { return WithToken(options_, [&] { return Follow(); }); });
@@ -152,11 +155,16 @@ void FollowedMap::Run() {
     problem_ = status.ok() ? absl::UnavailableError(absl::StrCat(options_.server, " ended the call")) : status;
     // What had worked for a while is tried again at once.
     attempt = view_ != nullptr && newest_ > before ? 0 : attempt + 1;
+    // A call that was refused for now, with a word on when to come again, is none that failed.
+    const double after_s = wire::RetryAfterOf(problem_);
+    const std::chrono::duration<double> tried = Clock::now() - begun;
+    if (after_s > 0.0 && tried.count() + after_s < options_.outage_s) --attempt;
     ending_ |= view_ == nullptr ? IsFinal(problem_) || attempt >= options_.attempts : absl::IsAborted(problem_);
     changed_.notify_all();
     if (ending_) return;
+    changed_.wait_for(lock, std::chrono::duration<double>(after_s), [&] { return ending_; });
     lock.unlock();
-    PauseAndConnect(attempt, channel_.get());
+    PauseAndConnect(std::max(0, attempt), channel_.get());
     lock.lock();
     changed_.wait(lock, [&] { return ending_ || !paused_; });
     if (ending_) return;

@@ -34,7 +34,8 @@ struct RemoteOptions {
   // A session or a tracker at the server whose connection breaks tries so long to go on, as do calls that only read,
   // once the server has answered before: one that is started again is back within a second or two.
   double outage_s = 30.0;
-  // Told why, when that begins; by the thread whose call it is.
+  // So long, too, a call is made again that the server refuses for now, as this client asks too much: when it says.
+  // Told why an outage begins; by the thread whose call it is.
   std::function<void(const absl::Status&)> on_outage;
   // Asked meanwhile, again and again: true ends the wait (Ctrl-C). By the thread whose call it is.
   std::function<bool()> give_up;

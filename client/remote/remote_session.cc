@@ -67,7 +67,7 @@ absl::Status RemoteSession::Exchange(const v1::RunSessionRequest& request, v1::R
 }
 
 absl::Status RemoteSession::Open(const v1::StartSession& start) {
-  return WithToken(options_, [&] { return Connect(start); });
+  return Patiently(options_, [&] { return WithToken(options_, [&] { return Connect(start); }); });
 }
 
 absl::Status RemoteSession::Connect(const v1::StartSession& start) {

@@ -29,7 +29,7 @@ absl::StatusOr<std::unique_ptr<api::Tracker>> ServedTracker::Start(const RemoteO
                                                                    std::shared_ptr<grpc::Channel> channel,
                                                                    const std::string& map, const Camera& camera) {
   auto tracker = std::unique_ptr<ServedTracker>(new ServedTracker(options, std::move(channel), map, camera));
-  CAIRN_RETURN_IF_ERROR(WithToken(options, [&] { return tracker->Connect(); }));
+  CAIRN_RETURN_IF_ERROR(Patiently(options, [&] { return WithToken(options, [&] { return tracker->Connect(); }); }));
   return tracker;
 }
 
@@ -70,8 +70,9 @@ absl::StatusOr<api::TrackAnswer> ServedTracker::Track(const api::TrackFrame& fra
       const absl::Status status = attempt();
       return options_.shown != nullptr && options_.shown->Renewed(status, shown_) ? attempt() : status;
     };
+    Patience patience(options_);
     absl::Status status = with_token();
-    while (IsOutage(status) && outage.Wait(status)) status = with_token();
+    while ((IsOutage(status) && outage.Wait(status)) || patience.Wait(status)) status = with_token();
     CAIRN_RETURN_IF_ERROR(status);
     CAIRN_ASSIGN_OR_RETURN(api::TrackAnswer answer, wire::FromProto(response.answer()));
     answer.track_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();

@@ -63,10 +63,12 @@ struct RemoteMapService::Stubs {
   template <class Function>
   absl::Status CallWithin(double deadline_s, Function&& call) const {
     return Guarded([&] {
-      return WithToken(options, [&] {
-        grpc::ClientContext context;
-        SetDeadline(deadline_s, &context);
-        return FromGrpc(call(&context), options);
+      return Patiently(options, [&] {
+        return WithToken(options, [&] {
+          grpc::ClientContext context;
+          SetDeadline(deadline_s, &context);
+          return FromGrpc(call(&context), options);
+        });
       });
     });
   }

@@ -19,6 +19,7 @@
 #include "api/map_service.h"
 #include "base/files.h"
 #include "base/guarded.h"
+#include "base/shown.h"
 
 namespace cairn::server {
 namespace {
@@ -155,7 +156,12 @@ bool Token::Covers(absl::string_view map) const {
 }
 
 absl::Status Token::Validate() const {
-  CAIRN_RETURN_IF_ERROR(Annotate(api::CheckMapName(name), "token"));
+  if (!api::CheckMapName(name).ok()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "token: \"", Shown(name, 40),
+        "\" is no name of a token: that takes letters (a to z), digits, '.', '_' and '-', 1 to 128 of them, "
+        "a letter or a digit first"));
+  }
   if (maps.empty()) return absl::InvalidArgumentError(absl::StrCat("token ", name, ": it names no maps"));
   for (const std::string& pattern : maps) {
     if (IsPattern(pattern)) continue;
@@ -210,7 +216,8 @@ absl::StatusOr<std::vector<Token>> ParseTokens(const std::string& text) {
 absl::StatusOr<std::vector<Token>> ReadTokens(const std::string& path) {
   CAIRN_ASSIGN_OR_RETURN(const std::string text, ReadWholeFile(path, kMaxFileBytes));
   absl::StatusOr<std::vector<Token>> tokens = ParseTokens(text);
-  if (!tokens.ok()) return Annotate(tokens.status(), path);
+  // What is in the file is nobody's request.
+  if (!tokens.ok()) return absl::FailedPreconditionError(absl::StrCat(path, ": ", tokens.status().message()));
   return tokens;
 }
 

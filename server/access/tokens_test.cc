@@ -122,6 +122,19 @@ TEST(TokenPatterns, CoverWhatTheySay) {
   EXPECT_FALSE(Wanted("a", {"lab*", "*b"}).CoversAll());
 }
 
+TEST_F(Tokens, AFileThatIsNoneIsNobodysRequest) {
+  std::ofstream(path_) << "{";
+  const absl::Status status = ReadTokens(path_).status();
+  EXPECT_TRUE(absl::IsFailedPrecondition(status)) << status;
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr(path_));
+}
+
+TEST_F(Tokens, NamesThatAreNoneAreCalledThoseOfTokens) {
+  Token token = Wanted("two words", {"*"});
+  const absl::Status status = CreateToken(path_, token, kNow).status();
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr("\"two words\" is no name of a token"));
+}
+
 TEST(TokenFile, MistakesAreNamed) {
   const auto says = [](const std::string& text) {
     const absl::Status status = ParseTokens(text).status();

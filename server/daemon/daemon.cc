@@ -1,5 +1,6 @@
 #include "server/daemon/daemon.h"
 
+#include <fcntl.h>
 #include <malloc.h>
 #include <spdlog/spdlog.h>
 #include <sys/socket.h>
@@ -187,10 +188,6 @@ absl::Status CheckListening(const std::string& address) {
 absl::Status DaemonOptions::CheckFiles() const {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<host::MapHost> host, host::MapHost::Open(maps));
   CAIRN_RETURN_IF_ERROR(host->Ready());
-  if (::access(maps.directory.c_str(), W_OK | X_OK) != 0) {
-    return absl::PermissionDeniedError(
-        absl::StrCat(maps.directory, ": maps cannot be made or extended there: ", std::strerror(errno)));
-  }
   for (const std::string& log : {access.audit_log, access.request_log}) CAIRN_RETURN_IF_ERROR(CheckLog(log));
   CAIRN_RETURN_IF_ERROR(TlsOf(tls).status());
   CAIRN_RETURN_IF_ERROR(CheckListening(grpc.address));
@@ -199,6 +196,15 @@ absl::Status DaemonOptions::CheckFiles() const {
     return absl::NotFoundError(absl::StrCat("geopose_map: there is no map \"", geopose_map, "\" in ", maps.directory));
   }
   return access.tokens.empty() ? absl::OkStatus() : ReadTokens(access.tokens).status();
+}
+
+std::vector<std::string> DaemonOptions::Warnings() const {
+  std::vector<std::string> warnings;
+  if (::faccessat(AT_FDCWD, maps.directory.c_str(), W_OK | X_OK, AT_EACCESS) != 0) {
+    warnings.push_back(absl::StrCat("maps cannot be made, extended or deleted in ", maps.directory, " (",
+                                    std::strerror(errno), "): those that are there are served"));
+  }
+  return warnings;
 }
 
 std::string DaemonOptions::ProtectionText() const {
@@ -241,9 +247,11 @@ absl::Status Daemon::Listen(const DaemonOptions& options) {
     HttpServerOptions http = options.http;
     http.tls = tls;
     http.gate = [api = http_api_.get()](const HttpRequest& request) { return api->Refusal(request); };
-    http.on_refused = [api = http_api_.get()](const std::string& peer, const absl::Status& refused) {
-      api->NoteRefused(peer, refused);
+    http.on_refused = [api = http_api_.get()](const HttpRequest& received, const absl::Status& why, int status) {
+      return api->AnswerRefused(received, why, status);
     };
+    http.max_body_bytes = options.grpc.max_message_bytes;
+    http.body_setting = "--max-message-mb";
     const auto handle = [api = http_api_.get()](const HttpRequest& request) { return api->Handle(request); };
     CAIRN_ASSIGN_OR_RETURN(http_, OncePortIsFree([&] { return HttpServer::Start(http, handle); }));
     http_address_ = Bound(options.http.address, http_->port());
@@ -271,6 +279,7 @@ void Daemon::Tick(std::chrono::steady_clock::time_point now) {
 
 void Daemon::Stop(std::chrono::milliseconds grace) {
   const auto until = std::chrono::steady_clock::now() + grace;
+  if (http_api_ != nullptr) http_api_->Stop();
   if (maps_ != nullptr) maps_->Hurry();
   if (access_ != nullptr) access_->limits().Stop();
   if (grpc_ != nullptr) grpc_->Stop(grace);

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "base/status.h"
 #include "host/map_host.h"
@@ -32,6 +33,8 @@ struct DaemonOptions {
   absl::Status Validate() const;
   // Whether the directory of the maps, logs, certificates and tokens can be used. Changes nothing.
   absl::Status CheckFiles() const;
+  // What is as it should not be, and yet no reason not to serve: a sentence each.
+  std::vector<std::string> Warnings() const;
   // Who reaches it, and what stands between, for people.
   std::string ProtectionText() const;
 };

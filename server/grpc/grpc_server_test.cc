@@ -116,6 +116,16 @@ TEST_F(GrpcServerTest, MessagesBeyondTheLimitAreRefusedAndTheServerGoesOn) {
     EXPECT_EQ(v1::Localize::NewStub(channel_)->LocalizeImage(&context, request, &response).error_code(),
               grpc::StatusCode::RESOURCE_EXHAUSTED);
   }
+  {
+    const auto service = *client::RemoteMapService::Connect(server_->Remote());
+    api::LocalizeQuery query;
+    query.image = cv::Mat(2000, 1000, CV_8UC1, cv::Scalar(90));
+    query.camera = Camera::FromPinhole({1000, 2000, 500.0, 500.0, 500.0, 1000.0});
+    const absl::Status told = service->Localize("room", query).status();
+    EXPECT_TRUE(absl::IsResourceExhausted(told)) << told;
+    EXPECT_THAT(std::string(told.message()), testing::HasSubstr("takes messages of 1.00 MB at most"));
+    EXPECT_THAT(std::string(told.message()), testing::HasSubstr("--max-message-mb"));
+  }
   grpc::ClientContext context;
   v1::ListMapsResponse response;
   EXPECT_TRUE(v1::Maps::NewStub(channel_)->ListMaps(&context, {}, &response).ok());

@@ -240,12 +240,51 @@ TEST_F(ProtectedServer, ATokenThatIsNotKnownAnyMoreIsReadAgain) {
 TEST_F(ProtectedServer, RefusesWhatIsTooMuchAndSaysWhenToTryAgain) {
   access_.limits.requests_per_s = 1.0;
   Start();
-  const auto service = *RemoteMapService::Connect(Remote(reader_));
+  RemoteOptions impatient = Remote(reader_);
+  impatient.outage_s = 0.0;
+  const auto service = *RemoteMapService::Connect(impatient);
   absl::Status status;
   for (int i = 0; i < 20 && status.ok(); ++i) status = service->List().status();
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_GT(wire::RetryAfterOf(status), 0.0);
   EXPECT_TRUE((*RemoteMapService::Connect(Remote(robot_)))->List().ok()) << "another client is not concerned";
+}
+
+// Whatever they change: what was refused so was never begun.
+TEST_F(ProtectedServer, ClientsWaitWhenTheyAskTooMuch) {
+  access_.limits.requests_per_s = 5.0;  // ten at once
+  Start();
+  const auto service = *RemoteMapService::Connect(Remote(robot_));
+  for (int i = 0; i < 12; ++i) {
+    const absl::Status asked = service->Describe("room").status();
+    ASSERT_TRUE(asked.ok()) << asked;
+  }
+  for (int i = 0; i < 3; ++i) {
+    const auto session = service->StartSession(Session(absl::StrCat("new", i)));
+    ASSERT_TRUE(session.ok()) << session.status();
+  }
+  RemoteOptions given_up = Remote(robot_);
+  given_up.give_up = [] { return true; };
+  const auto interrupted = *RemoteMapService::Connect(given_up);
+  absl::Status status;
+  for (int i = 0; i < 20 && status.ok(); ++i) status = interrupted->List().status();
+  EXPECT_TRUE(absl::IsResourceExhausted(status)) << "Ctrl-C ends the wait";
+}
+
+TEST_F(ProtectedServer, AKeyThatIsNotOfTheCertificateIsNamed) {
+  const TestingCertificate one = MakeTestingCertificate({.name = "robot"}, &ca_);
+  const TestingCertificate other = MakeTestingCertificate({.name = "robot"}, &ca_);
+  client::ClientTlsFiles files;
+  files.on = true;
+  files.certificate = folder_ + "/one.pem";
+  files.key = folder_ + "/one.key";
+  std::ofstream(files.certificate) << one.certificate_pem;
+  std::ofstream(files.key) << one.key_pem;
+  EXPECT_TRUE(client::LoadClientTls(files).ok());
+  std::ofstream(files.key) << other.key_pem;
+  const absl::Status refused = client::LoadClientTls(files).status();
+  EXPECT_TRUE(absl::IsFailedPrecondition(refused));
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("one.key: the key (--key) does not belong to"));
 }
 
 TEST_F(ProtectedServer, RequestsHaveTheIdThatTheClientGaveThem) {

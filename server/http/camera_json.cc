@@ -55,7 +55,11 @@ absl::Status CheckKeys(const nlohmann::json& json) {
 
 absl::StatusOr<Camera> CameraFromJson(const std::string& text) {
   const nlohmann::json json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
-  if (!json.is_object()) return BadCamera(R"(give {"model": "PINHOLE", "params": [fx, fy, cx, cy]})");
+  if (!json.is_object()) {
+    const bool none = json.is_discarded();
+    return BadCamera(absl::StrCat(none ? "this is no JSON (which has no NaN and no Infinity): " : "",
+                                  R"(give {"model": "PINHOLE", "params": [fx, fy, cx, cy]})"));
+  }
   CAIRN_RETURN_IF_ERROR(CheckKeys(json));
   if (!json.contains("model") || !json["model"].is_string()) return BadCamera("`model` is missing");
   const std::string name = json["model"].get<std::string>();

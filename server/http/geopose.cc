@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <utility>
@@ -31,12 +32,47 @@ const nlohmann::json& Member(const nlohmann::json& object, const char* key) {
 
 std::string TextOf(const nlohmann::json& value) { return value.is_string() ? value.get<std::string>() : ""; }
 
-absl::StatusOr<double> NumberOf(const nlohmann::json& object, const char* key) {
+// `path`: of the object in the request, for people.
+absl::StatusOr<double> NumberOf(const nlohmann::json& object, const char* key, absl::string_view path) {
   const nlohmann::json& value = Member(object, key);
   if (!value.is_number() || !std::isfinite(value.get<double>())) {
-    return BadRequest(absl::StrCat("`", key, "` must be a number"));
+    return BadRequest(absl::StrCat("`", path, ".", key, "` must be a number"));
   }
   return value.get<double>();
+}
+
+// Milliseconds since 1970; none: the object does not say.
+absl::StatusOr<std::optional<double>> TimestampOf(const nlohmann::json& object, absl::string_view path) {
+  constexpr double kMost_ms = 8.64e15;  // as a Date of JavaScript has them
+  const nlohmann::json& value = Member(object, "timestamp");
+  if (value.is_null()) return std::nullopt;
+  if (!value.is_number() || !(std::abs(value.get<double>()) <= kMost_ms)) {
+    return BadRequest(
+        absl::StrCat("`", path, path.empty() ? "" : ".", "timestamp` must be a number: milliseconds since 1970"));
+  }
+  return value.get<double>();
+}
+
+// An element of an array of the request, with its path there.
+struct Element {
+  const nlohmann::json* json = nullptr;
+  std::string path;
+};
+
+// By its timestamp; one without is older than any that has one, and of equal ones the last is meant. All must make
+// sense: a time that is none may be that of the newest. Null if the array is empty, or none.
+absl::StatusOr<Element> NewestOf(const nlohmann::json& array, absl::string_view name) {
+  Element newest;
+  double newest_ms = 0.0;
+  for (std::size_t i = 0; array.is_array() && i < array.size(); ++i) {
+    const std::string path = absl::StrCat(name, "[", i, "]");
+    CAIRN_ASSIGN_OR_RETURN(const std::optional<double> time_ms, TimestampOf(array[i], path));
+    const double at_ms = time_ms.value_or(-std::numeric_limits<double>::infinity());
+    if (newest.json != nullptr && at_ms < newest_ms) continue;
+    newest = {&array[i], path};
+    newest_ms = at_ms;
+  }
+  return newest;
 }
 
 struct Size {
@@ -44,27 +80,30 @@ struct Size {
   int height_px = 0;
 };
 
-absl::StatusOr<Size> SizeFrom(const nlohmann::json& reading) {
-  const nlohmann::json& size = Member(reading, "size");
+absl::StatusOr<Size> SizeFrom(const Element& reading) {
+  const nlohmann::json& size = Member(*reading.json, "size");
   const auto good = [](const nlohmann::json& side) {
     return side.is_number() && side.get<double>() >= 1.0 && side.get<double>() <= 1e6 &&
            side.get<double>() == std::floor(side.get<double>());
   };
   if (!size.is_array() || size.size() != 2 || !good(size[0]) || !good(size[1])) {
-    return BadRequest("`size` of the camera reading must be [width, height] in pixels");
+    return BadRequest(absl::StrCat("`", reading.path, ".size` must be [width, height] in pixels"));
   }
   return Size{static_cast<int>(size[0].get<double>()), static_cast<int>(size[1].get<double>())};
 }
 
-absl::StatusOr<v1::Image> ImageFrom(const nlohmann::json& reading, const Size& size) {
+absl::StatusOr<v1::Image> ImageFrom(const Element& reading, const Size& size) {
   std::string bytes;
-  const std::string text = TextOf(Member(reading, "imageBytes"));
-  if (text.empty()) return BadRequest("the camera reading has no image: `imageBytes`, in base64");
-  if (!absl::Base64Unescape(text, &bytes)) return BadRequest("`imageBytes` is not base64");
-  if (Member(Member(reading, "imageOrientation"), "mirrored") == nlohmann::json(true)) {
-    return BadRequest("mirrored images are not located: turn it back before sending it");
+  const auto bad = [&](absl::string_view key, absl::string_view what) {
+    return BadRequest(absl::StrCat("`", reading.path, ".", key, "` ", what));
+  };
+  const std::string text = TextOf(Member(*reading.json, "imageBytes"));
+  if (text.empty()) return bad("imageBytes", "must be the image, in base64");
+  if (!absl::Base64Unescape(text, &bytes)) return bad("imageBytes", "is not base64");
+  if (Member(Member(*reading.json, "imageOrientation"), "mirrored") == nlohmann::json(true)) {
+    return bad("imageOrientation.mirrored", "is true, and such images are not located: turn it back before sending it");
   }
-  const std::string format = TextOf(Member(reading, "imageFormat"));
+  const std::string format = TextOf(Member(*reading.json, "imageFormat"));
   const std::size_t pixels = static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
   v1::Image image;
   if (format == "JPG" || format == "JPEG" || format == "PNG") {
@@ -72,57 +111,61 @@ absl::StatusOr<v1::Image> ImageFrom(const nlohmann::json& reading, const Size& s
   } else if (format == "GRAY8") {
     image.set_gray(std::move(bytes));
   } else if (format == "RGBA32") {
-    if (bytes.size() != 4 * pixels) return BadRequest("`imageBytes` must be 4 bytes a pixel");
+    if (bytes.size() != 4 * pixels) return bad("imageBytes", "must be 4 bytes a pixel");
     std::string& rgb = *image.mutable_rgb();
     rgb.resize(3 * pixels);
     for (std::size_t i = 0; i < pixels; ++i) std::copy_n(&bytes[4 * i], 3, &rgb[3 * i]);
   } else {
-    return BadRequest(absl::StrCat("`imageFormat` must be JPG, GRAY8 or RGBA32"));
+    return bad("imageFormat", "must be JPG, GRAY8 or RGBA32");
   }
   return image;
 }
 
-absl::StatusOr<Camera> CameraFrom(const nlohmann::json& reading, const Size& size) {
-  const nlohmann::json& params = Member(reading, "params");
-  if (!params.is_object()) return BadRequest("the camera reading has no `params`: model and modelParams, as COLMAP's");
+absl::StatusOr<Camera> CameraFrom(const Element& reading, const Size& size) {
+  const nlohmann::json& params = Member(*reading.json, "params");
+  const std::string path = absl::StrCat(reading.path, ".params");
+  if (!params.is_object()) return BadRequest(absl::StrCat("`", path, "` must be {model, modelParams}, as COLMAP's"));
   nlohmann::json camera = {{"width", size.width_px}, {"height", size.height_px}};
   if (params.contains("model")) camera["model"] = params["model"];
   if (params.contains("modelParams")) camera["params"] = params["modelParams"];
-  return CameraFromJson(camera.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  absl::StatusOr<Camera> read = CameraFromJson(camera.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  CAIRN_RETURN_IF_ERROR(Annotate(read.status(), absl::StrCat("geopose: `", path, "`")));
+  return read;
 }
 
-absl::Status ReadPriorPose(const nlohmann::json& pose, GeoPoseRequest* request) {
-  const nlohmann::json& position = Member(Member(pose, "geopose"), "position");
-  GeoPosition prior;
-  CAIRN_ASSIGN_OR_RETURN(prior.latitude_deg, NumberOf(position, "lat"));
-  CAIRN_ASSIGN_OR_RETURN(prior.longitude_deg, NumberOf(position, "lon"));
-  CAIRN_ASSIGN_OR_RETURN(prior.height_m, NumberOf(position, "h"));
-  const auto accuracy = NumberOf(Member(pose, "accuracy"), "position");
+absl::Status SetPrior(const GeoPosition& prior, const absl::StatusOr<double>& accuracy_m, absl::string_view path,
+                      GeoPoseRequest* request) {
   request->prior = prior;
-  request->prior_accuracy_m = accuracy.ok() ? std::max(0.0, *accuracy) : 0.0;
-  return prior.Validate();
+  request->prior_accuracy_m = accuracy_m.ok() ? std::max(0.0, *accuracy_m) : 0.0;
+  return Annotate(prior.Validate(), absl::StrCat("geopose: `", path, "`"));
 }
 
-absl::Status ReadGeolocation(const nlohmann::json& reading, GeoPoseRequest* request) {
+absl::Status ReadPriorPose(const Element& pose, GeoPoseRequest* request) {
+  const nlohmann::json& position = Member(Member(*pose.json, "geopose"), "position");
+  const std::string path = absl::StrCat(pose.path, ".geopose.position");
   GeoPosition prior;
-  CAIRN_ASSIGN_OR_RETURN(prior.latitude_deg, NumberOf(reading, "latitude"));
-  CAIRN_ASSIGN_OR_RETURN(prior.longitude_deg, NumberOf(reading, "longitude"));
-  const auto altitude = NumberOf(reading, "altitude");  // null where the device does not know
+  CAIRN_ASSIGN_OR_RETURN(prior.latitude_deg, NumberOf(position, "lat", path));
+  CAIRN_ASSIGN_OR_RETURN(prior.longitude_deg, NumberOf(position, "lon", path));
+  CAIRN_ASSIGN_OR_RETURN(prior.height_m, NumberOf(position, "h", path));
+  return SetPrior(prior, NumberOf(Member(*pose.json, "accuracy"), "position", pose.path), path, request);
+}
+
+absl::Status ReadGeolocation(const Element& reading, GeoPoseRequest* request) {
+  GeoPosition prior;
+  CAIRN_ASSIGN_OR_RETURN(prior.latitude_deg, NumberOf(*reading.json, "latitude", reading.path));
+  CAIRN_ASSIGN_OR_RETURN(prior.longitude_deg, NumberOf(*reading.json, "longitude", reading.path));
+  const auto altitude = NumberOf(*reading.json, "altitude", reading.path);  // null where the device does not know
   prior.height_m = altitude.ok() ? *altitude : 0.0;
-  const auto accuracy = NumberOf(reading, "accuracy");
-  request->prior = prior;
-  request->prior_accuracy_m = accuracy.ok() ? std::max(0.0, *accuracy) : 0.0;
-  return prior.Validate();
+  return SetPrior(prior, NumberOf(*reading.json, "accuracy", reading.path), reading.path, request);
 }
 
 absl::Status ReadPrior(const nlohmann::json& body, GeoPoseRequest* request) {
-  if (const nlohmann::json& poses = Member(body, "priorPoses"); poses.is_array() && !poses.empty()) {
-    return ReadPriorPose(poses.back(), request);
-  }
+  CAIRN_ASSIGN_OR_RETURN(const Element pose, NewestOf(Member(body, "priorPoses"), "priorPoses"));
+  if (pose.json != nullptr) return ReadPriorPose(pose, request);
   // The protocol's client library writes the name in another way than the protocol.
   for (const char* name : {"geolocationReadings", "geoLocationReadings"}) {
-    const nlohmann::json& readings = Member(Member(body, "sensorReadings"), name);
-    if (readings.is_array() && !readings.empty()) return ReadGeolocation(readings.back(), request);
+    CAIRN_ASSIGN_OR_RETURN(const Element reading, NewestOf(Member(Member(body, "sensorReadings"), name), name));
+    if (reading.json != nullptr) return ReadGeolocation(reading, request);
   }
   return absl::OkStatus();
 }
@@ -147,8 +190,9 @@ std::string AnswerText(const GeoPoseRequest& request, const map::GeoPose& pose, 
 // The one that is configured, or all.
 absl::StatusOr<std::vector<api::MapSummary>> MapsToAsk(const CallContext& context, absl::string_view only) {
   if (only.empty()) return context.maps->List();
-  CAIRN_ASSIGN_OR_RETURN(const api::MapDescription map, context.maps->Describe(std::string(only)));
-  return std::vector<api::MapSummary>{map.summary};
+  const absl::StatusOr<api::MapDescription> map = context.maps->Describe(std::string(only));
+  CAIRN_RETURN_IF_ERROR(Annotate(map.status(), "geopose: this server is set to ask one map (--geopose-map)"));
+  return std::vector<api::MapSummary>{map->summary};
 }
 
 // An answer of a map, on the earth.
@@ -204,6 +248,12 @@ absl::StatusOr<std::string> Find(const CallContext& context, const HttpRequest& 
   CAIRN_RETURN_IF_ERROR(Annotate(query.camera.Validate(), "geopose"));
   CAIRN_ASSIGN_OR_RETURN(query.image, GrayImageOf(request.image, query.camera, context.images));
   CAIRN_ASSIGN_OR_RETURN(const std::vector<api::MapSummary> maps, MapsToAsk(context, only));
+  if (!only.empty() && !maps.at(0).geo_anchor) {
+    return absl::NotFoundError(
+        absl::StrCat("geopose: the map ", only,
+                     ", which this server is set to ask "
+                     "(--geopose-map), has no geographic anchor: cairn align --geo gives it one"));
+  }
   CAIRN_ASSIGN_OR_RETURN(const std::vector<std::string> near, MapsNear(maps, request));
   CAIRN_ASSIGN_OR_RETURN(const api::AcrossAnswer across, context.maps->LocalizeAcross(near, query));
   if (context.observer != nullptr && !across.answers.empty() && across.answers[0].status.ok()) {
@@ -227,7 +277,10 @@ absl::Status CheckGeoPoseVersion(absl::string_view accept) {
     for (std::size_t i = 1; i < parts.size(); ++i) {
       const std::vector<absl::string_view> pair = absl::StrSplit(parts[i], '=');
       if (pair.size() != 2 || absl::StripAsciiWhitespace(pair[0]) != "version") continue;
-      const absl::string_view version = absl::StripAsciiWhitespace(pair[1]);
+      absl::string_view version = absl::StripAsciiWhitespace(pair[1]);
+      if (version.size() >= 2 && version.front() == '"' && version.back() == '"') {
+        version = version.substr(1, version.size() - 2);
+      }
       if (version == "2.0" || version == "2") return absl::OkStatus();
     }
   }
@@ -239,20 +292,19 @@ absl::StatusOr<GeoPoseRequest> ReadGeoPoseRequest(const std::string& body) {
   if (!parsed.is_object()) return BadRequest("the body must be a GeoPoseReq in JSON");
   GeoPoseRequest request;
   request.id = TextOf(Member(parsed, "id"));
-  if (request.id.empty()) return BadRequest("`id` is missing");
-  const std::string type = TextOf(Member(parsed, "type"));
-  if (!type.empty() && type != "geopose") return BadRequest("`type` must be geopose");
-  if (const nlohmann::json& time = Member(parsed, "timestamp");
-      time.is_number() && std::abs(time.get<double>()) < 9e15) {
-    request.timestamp_ms = static_cast<std::int64_t>(time.get<double>());
-  }
+  if (Member(parsed, "id").is_null()) return BadRequest("`id` is missing");
+  if (request.id.empty()) return BadRequest("`id` must be a text that is not empty");
+  const nlohmann::json& type = Member(parsed, "type");
+  if (!type.is_null() && type != "geopose") return BadRequest("`type` must be geopose");
+  CAIRN_ASSIGN_OR_RETURN(const std::optional<double> time_ms, TimestampOf(parsed, ""));
+  request.timestamp_ms = static_cast<std::int64_t>(time_ms.value_or(0.0));
   const nlohmann::json& readings = Member(Member(parsed, "sensorReadings"), "cameraReadings");
-  if (!readings.is_array() || readings.empty()) return BadRequest("the request has no camera readings");
-  const nlohmann::json& reading = readings.back();  // the newest
+  CAIRN_ASSIGN_OR_RETURN(const Element reading, NewestOf(readings, "cameraReadings"));
+  if (reading.json == nullptr) return BadRequest("the request has no camera readings");
   CAIRN_ASSIGN_OR_RETURN(const Size size, SizeFrom(reading));
   CAIRN_ASSIGN_OR_RETURN(request.camera, CameraFrom(reading, size));
   CAIRN_ASSIGN_OR_RETURN(request.image, ImageFrom(reading, size));
-  CAIRN_RETURN_IF_ERROR(Annotate(ReadPrior(parsed, &request), "geopose: the prior position"));
+  CAIRN_RETURN_IF_ERROR(ReadPrior(parsed, &request));
   return request;
 }
 

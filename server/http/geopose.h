@@ -25,6 +25,7 @@ inline constexpr absl::string_view kGeoPoseMediaType = "application/vnd.oscp+jso
 struct GeoPoseRequest {
   std::string id;
   std::int64_t timestamp_ms = 0;  // since 1970
+  // Of the newest camera reading by its timestamp (of those that have the same, or none, the last).
   v1::Image image;
   Camera camera;  // of that image
   // From the newest of its prior poses, or else its geolocation; with how far off it may be.

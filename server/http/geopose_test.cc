@@ -133,11 +133,13 @@ TEST_F(GeoPoseTest, AccuracyIsThatOfTheCentre) {
 
 TEST_F(GeoPoseTest, VersionsAreNegotiated) {
   for (const char* good : {kAccept, "application/vnd.oscp+json; version=2.0", "application/vnd.oscp+json;version=2",
-                           "text/html, application/vnd.oscp+json; version=2.0;", "*/*", "application/json"}) {
+                           "text/html, application/vnd.oscp+json; version=2.0;",
+                           "application/vnd.oscp+json; version=\"2.0\"", "*/*", "application/json"}) {
     EXPECT_TRUE(CheckGeoPoseVersion(good).ok()) << good;
   }
   for (const char* bad : {"", "application/vnd.oscp+json", "application/vnd.oscp+json; version=1.0", "text/html",
-                          "application/vnd.oscp+json; version=3.0;", "application/vnd.oscp+json; version="}) {
+                          "application/vnd.oscp+json; version=3.0;",
+                          "application/vnd.oscp+json; version=", "application/vnd.oscp+json; version=\""}) {
     EXPECT_EQ(CheckGeoPoseVersion(bad).code(), absl::StatusCode::kInvalidArgument) << bad;
   }
   Place("room", Anchor());
@@ -158,6 +160,55 @@ TEST_F(GeoPoseTest, NotFoundSaysWhy) {
   EXPECT_THAT(MessageOf(missed), HasSubstr("features"));
   EXPECT_EQ(Post(Request(), kAccept, "hall").status, 404) << "another map is configured";
   EXPECT_EQ(Post(Request(), kAccept, "room").status, 200);
+}
+
+// Whatever other maps have.
+TEST_F(GeoPoseTest, AMapThatIsConfiguredAndHasNoAnchorIsNamed) {
+  std::filesystem::copy_file(directory_ + "/room.cairn", directory_ + "/office.cairn");
+  Place("office", Anchor());
+  const HttpResponse unplaced = Post(Request(), kAccept, "room");
+  EXPECT_EQ(unplaced.status, 404);
+  EXPECT_THAT(MessageOf(unplaced), testing::AllOf(HasSubstr("the map room"), HasSubstr("--geopose-map")));
+  EXPECT_THAT(MessageOf(Post(Request(), kAccept, "hall")),
+              testing::AllOf(HasSubstr("hall"), HasSubstr("--geopose-map")));
+}
+
+TEST_F(GeoPoseTest, TheNewestReadingCountsWhereverItStands) {
+  Place("room", Anchor());
+  json request = Request();
+  json blank = Reading(&request);
+  blank["imageBytes"] = absl::Base64Escape(*io::EncodePng(cv::Mat(360, 480, CV_8UC1, cv::Scalar(90)), 1));
+  const auto status_of = [&](const json& photo_time, const json& blank_time, bool photo_first) {
+    json asked = Request();
+    json photo = Reading(&asked), other = blank;
+    photo["timestamp"] = photo_time;
+    other["timestamp"] = blank_time;
+    for (json* reading : {&photo, &other}) {
+      if ((*reading)["timestamp"].is_null()) reading->erase("timestamp");
+    }
+    asked["sensorReadings"]["cameraReadings"] = photo_first ? json{photo, other} : json{other, photo};
+    return Post(asked).status;
+  };
+  for (const bool photo_first : {true, false}) {
+    EXPECT_EQ(status_of(2.5, 1, photo_first), 200);
+    EXPECT_EQ(status_of(1, 2.5, photo_first), 404);
+    EXPECT_EQ(status_of(-3, nullptr, photo_first), 200) << "what does not say is older";
+    EXPECT_EQ(status_of(5, 5, photo_first), photo_first ? 404 : 200) << "the last of equal ones";
+    EXPECT_EQ(status_of(nullptr, nullptr, photo_first), photo_first ? 404 : 200);
+  }
+  const json here = {{"timestamp", 7}, {"latitude", 60.17}, {"longitude", 24.94}};
+  const json far = {{"timestamp", 3}, {"latitude", -33.9}, {"longitude", 151.2}};
+  request["sensorReadings"]["geolocationReadings"] = {here, far};
+  EXPECT_EQ(Post(request).status, 200);
+  request["sensorReadings"]["geolocationReadings"] = {far, here};
+  EXPECT_EQ(Post(request).status, 200);
+  const auto pose_at = [](double time, double latitude) {
+    return json{{"timestamp", time}, {"geopose", {{"position", {{"lat", latitude}, {"lon", 24.94}, {"h", 5.0}}}}}};
+  };
+  request["priorPoses"] = {pose_at(9, 60.17), pose_at(8, -33.9)};
+  EXPECT_EQ(Post(request).status, 200);
+  request["priorPoses"] = {pose_at(9, -33.9), pose_at(8, 60.17)};
+  EXPECT_EQ(Post(request).status, 404);
 }
 
 TEST_F(GeoPoseTest, OnlyMapsNearAPriorPositionAreAsked) {
@@ -252,19 +303,51 @@ TEST_F(GeoPoseTest, BadRequestsSayWhatIsWrong) {
     EXPECT_THAT(response.body, HasSubstr(says));
   };
   refused([](json* r) { *r = json::array(); }, "GeoPoseReq");
-  refused([](json* r) { r->erase("id"); }, "`id`");
+  refused([](json* r) { r->erase("id"); }, "`id` is missing");
+  refused([](json* r) { (*r)["id"] = 5; }, "`id` must be a text");
+  refused([](json* r) { (*r)["id"] = ""; }, "`id` must be a text");
   refused([](json* r) { (*r)["type"] = "weather"; }, "`type`");
+  refused([](json* r) { (*r)["type"] = 7; }, "`type`");
+  for (const json& no_time : {json("2026-01-01T00:00:00Z"), json(1e30), json(true), json::array()}) {
+    refused([&](json* r) { (*r)["timestamp"] = no_time; }, "geopose: `timestamp` must be a number");
+    refused([&](json* r) { Reading(r)["timestamp"] = no_time; }, "geopose: `cameraReadings[0].timestamp` must be");
+    refused(
+        [&](json* r) {
+          (*r)["priorPoses"] = {{{"timestamp", no_time}}};
+        },
+        "geopose: `priorPoses[0].timestamp` must be");
+    refused(
+        [&](json* r) {
+          (*r)["sensorReadings"]["geolocationReadings"] = {{{"timestamp", no_time}}};
+        },
+        "geopose: `geolocationReadings[0].timestamp` must be");
+  }
+  refused(
+      [](json* r) {
+        (*r)["priorPoses"] = {{{"timestamp", 4}}, {{"timestamp", 3}}};
+      },
+      "\"geopose: `priorPoses[0].geopose.position.lat` must be a number");
+  refused(
+      [](json* r) {
+        (*r)["sensorReadings"]["geolocationReadings"] = {{{"latitude", "60"}, {"longitude", 24}}};
+      },
+      "\"geopose: `geolocationReadings[0].latitude` must be a number");
+  refused(
+      [](json* r) {
+        (*r)["sensorReadings"]["geolocationReadings"] = {{{"latitude", 60}, {"longitude", 1e9}}};
+      },
+      "\"geopose: `geolocationReadings[0]`: geographic position: the longitude");
   refused([](json* r) { r->erase("sensorReadings"); }, "no camera readings");
   refused([](json* r) { (*r)["sensorReadings"]["cameraReadings"] = json::array(); }, "no camera readings");
-  refused([](json* r) { (*r)["sensorReadings"]["cameraReadings"] = {7}; }, "`size`");
-  refused([](json* r) { Reading(r)["size"] = {480, -1}; }, "`size`");
+  refused([](json* r) { (*r)["sensorReadings"]["cameraReadings"] = {7}; }, "`cameraReadings[0].size`");
+  refused([](json* r) { Reading(r)["size"] = {480, -1}; }, "[0].size`");
   refused([](json* r) { Reading(r)["size"] = {479, 360}; }, "480x360");
-  refused([](json* r) { Reading(r).erase("imageBytes"); }, "no image");
+  refused([](json* r) { Reading(r).erase("imageBytes"); }, "[0].imageBytes` must be the image");
   refused([](json* r) { Reading(r)["imageBytes"] = "***"; }, "base64");
   refused([](json* r) { Reading(r)["imageBytes"] = "AAAA"; }, "neither a PNG nor a JPEG");
   refused([](json* r) { Reading(r)["imageFormat"] = "DEPTH"; }, "imageFormat");
   refused([](json* r) { Reading(r)["imageOrientation"]["mirrored"] = true; }, "mirrored");
-  refused([](json* r) { Reading(r).erase("params"); }, "`params`");
+  refused([](json* r) { Reading(r).erase("params"); }, "[0].params`");
   refused([](json* r) { Reading(r)["params"]["model"] = "UNKNOWN"; }, "UNKNOWN");
   refused([](json* r) { Reading(r)["params"]["modelParams"] = {1, 2}; }, "4 numbers");
   refused([](json* r) { Reading(r)["params"]["modelParams"][0] = -5; }, "focal");

@@ -12,6 +12,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
 #include "server/http/geopose.h"
+#include "server/http/json_body.h"
 #include "server/http/localize_request.h"
 #include "server/http/query.h"
 #include "server/rpc/serve.h"
@@ -78,20 +79,20 @@ template <class Request>
 absl::StatusOr<Request> FromBody(const std::string& body) {
   Request request;
   if (body.empty()) return request;
-  const auto status = google::protobuf::util::JsonStringToMessage(body, &request);
-  if (!status.ok()) return absl::InvalidArgumentError(absl::StrCat("request: ", status.ToString()));
+  CAIRN_RETURN_IF_ERROR(ReadJsonMessage(body, &request));
   return request;
 }
 
-// A call of cairn.v1 with the message in the body, and what `fill` adds to it.
+// A call of cairn.v1 with the message in the body, and what `fill` adds to it: the field `in_path`, if it is not empty.
 template <class Request, class Response, class Fill>
 HttpResponse Answered(const Call& call, absl::string_view name,
-                      absl::Status (*rpc)(const CallContext&, const Request&, Response*), Fill&& fill) {
+                      absl::Status (*rpc)(const CallContext&, const Request&, Response*), absl::string_view in_path,
+                      Fill&& fill) {
   Response response;
   const Served served = Serve(call.server, call.caller, name, [&](const CallContext& context) -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(Request request, FromBody<Request>(call.http.body));
     CAIRN_ASSIGN_OR_RETURN(const QueryParameters parameters, ParseQuery(call.http.query));
-    CAIRN_RETURN_IF_ERROR(SetFields(parameters, "map", &request));
+    CAIRN_RETURN_IF_ERROR(SetFields(parameters, in_path, &request));
     CAIRN_RETURN_IF_ERROR(fill(&request));
     return rpc(context, request, &response);
   });
@@ -111,13 +112,13 @@ absl::Status SetMap(const Call& call, Request* request) {
 template <class Request, class Response>
 HttpResponse AnsweredOfMap(const Call& call, absl::string_view name,
                            absl::Status (*rpc)(const CallContext&, const Request&, Response*)) {
-  return Answered(call, name, rpc, [&](Request* request) { return SetMap(call, request); });
+  return Answered(call, name, rpc, "map", [&](Request* request) { return SetMap(call, request); });
 }
 
 template <class Request, class Response>
 HttpResponse AnsweredAsIs(const Call& call, absl::string_view name,
                           absl::Status (*rpc)(const CallContext&, const Request&, Response*)) {
-  return Answered(call, name, rpc, [](Request*) { return absl::OkStatus(); });
+  return Answered(call, name, rpc, "", [](Request*) { return absl::OkStatus(); });
 }
 
 HttpResponse LocalizeOver(const Call& call) {
@@ -218,7 +219,10 @@ HttpResponse ExportOver(const Call& call) {
 }
 
 HttpResponse RestoreOver(const Call& call) {
-  return Answered(call, "Admin.RestoreMap", RestoreMap, [&](v1::RestoreMapRequest* request) {
+  return Answered(call, "Admin.RestoreMap", RestoreMap, "deleted", [&](v1::RestoreMapRequest* request) -> absl::Status {
+    if (!request->deleted().empty() && request->deleted() != call.map) {
+      return absl::InvalidArgumentError("request: the body names another deleted map than the path");
+    }
     request->set_deleted(call.map);
     return absl::OkStatus();
   });
@@ -318,7 +322,13 @@ HttpResponse HttpApi::Handle(const HttpRequest& request) const {
   caller.request_id = RequestIdOf(caller);
   const bool asks_for_leave = request.method == "OPTIONS" && IsAllowedOrigin(cors_, request);
   const std::string methods = asks_for_leave ? MethodsOf(request.path) : "";
-  HttpResponse response = methods.empty() ? Answer(request, caller) : Preflight(methods);
+  if (stopping_ && request.path != "/healthz") {
+    return WithHeaders(request, caller, Refused(caller, absl::UnavailableError("the server stops"), 503));
+  }
+  return WithHeaders(request, caller, methods.empty() ? Answer(request, caller) : Preflight(methods));
+}
+
+HttpResponse HttpApi::WithHeaders(const HttpRequest& request, const Caller& caller, HttpResponse response) const {
   AddCorsHeaders(cors_, request, &response);
   response.headers.emplace_back("X-Request-Id", caller.request_id);
   return response;
@@ -367,9 +377,10 @@ HttpResponse HttpApi::Answer(const HttpRequest& request, const Caller& caller) c
   return response;
 }
 
-void HttpApi::NoteRefused(const std::string& peer, const absl::Status& refused) const {
-  const std::string id = RequestIdOf({});
-  Note(context_, {.peer = peer, .request_id = id}, kUnknownCall, {refused, id}, 0.0, 0);
+HttpResponse HttpApi::AnswerRefused(const HttpRequest& received, const absl::Status& why, int http_status) const {
+  Caller caller = CallerOf(received);
+  caller.request_id = RequestIdOf(caller);
+  return WithHeaders(received, caller, Refused(caller, why, http_status));
 }
 
 }  // namespace cairn::server

@@ -33,8 +33,12 @@ class HttpApi {
   // go on. Any thread.
   std::optional<HttpResponse> Refusal(const HttpRequest& request) const;
 
-  // Writes down what never became a request of its own (HttpServerOptions::on_refused).
-  void NoteRefused(const std::string& peer, const absl::Status& refused) const;
+  // The answer to what never became a request that is handled: `received` is what is known of it
+  // (HttpServerOptions::on_refused). Writes it down. Any thread.
+  HttpResponse AnswerRefused(const HttpRequest& received, const absl::Status& why, int http_status) const;
+
+  // From now on all requests but /healthz are refused (Unavailable): the server stops. Any thread.
+  void Stop() { stopping_ = true; }
 
   // Every path that is answered, "{map}" in place of a name (of a map, or of a deleted one), and by which method.
   struct Route {
@@ -47,6 +51,7 @@ class HttpApi {
 
  private:
   HttpResponse Answer(const HttpRequest& request, const Caller& caller) const;
+  HttpResponse WithHeaders(const HttpRequest& request, const Caller& caller, HttpResponse response) const;
   // What no handler gets to see, with a line in the log.
   HttpResponse Refused(const Caller& caller, const absl::Status& why, int http_status) const;
 
@@ -54,6 +59,7 @@ class HttpApi {
   const HttpHooks hooks_;
   const CorsOptions cors_;
   mutable std::atomic<int> exporting_ = 0;  // files that are being sent at the moment
+  std::atomic<bool> stopping_ = false;
 };
 
 // {"error": {"reason": ..., "message": ..., "request_id": ...}}, and the headers that go with it.

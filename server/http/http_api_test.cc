@@ -139,12 +139,31 @@ TEST_F(HttpApiTest, BadRequestsSayWhatIsWrong) {
   refused(Form({{"image", Photo()}}), "`camera` is missing");
   refused(Form({{"image", "GIF89a"}, {"camera", CameraText()}}), "neither a PNG nor a JPEG");
   refused(Form({{"image", Photo()}, {"camera", "{}"}}), "`model` is missing");
-  refused(Form({{"image", Photo()}, {"camera", CameraText()}, {"color", "red"}}), "none of image, camera");
+  refused(Form({{"image", Photo()}, {"camera", CameraText()}, {"color", "red"}}),
+          "no part `color` here; there are image, camera, time_ns; the map");
+  HttpRequest across = Form({{"image", Photo()}, {"camera", CameraText()}, {"k\xC3\xBC\n", "red"}});
+  across.path = "/v1/localize";
+  refused(across, "no part `k\xC3\xBC\\\\x0a` here; there are image, camera, time_ns, maps");
+  refused(Form({{"image", Photo()}, {"camera", R"({"model": "PINHOLE", "params": [NaN, 1, 2, 3]})"}}), "no JSON");
+  refused(Form({{"image", Photo()}, {"camera", "[1]"}}), "camera: give {");
   refused({"POST", "/v1/maps/room:localize", "text/plain", "hello"}, "multipart/form-data");
   HttpRequest form = Form({{"image", Photo()}, {"camera", CameraText()}});
   form.query = "time_ns=3";
-  refused(form, "query: with a form");
-  refused({"POST", "/v1/maps/room:localize", "application/json", "{\"imagine\":1}"}, "imagine");
+  refused(form, "query: with a form, its parts say everything: image, camera and time_ns");
+  form.path = "/v1/localize";
+  refused(form, "time_ns and maps");
+  // What JSON says, in the terms of who wrote it.
+  const auto json_refused = [&](const std::string& path, const std::string& body, const std::string& says) {
+    refused({"POST", path, "application/json", body}, says);
+    EXPECT_THAT(api_->Handle({"POST", path, "application/json", body}).body, testing::Not(HasSubstr("INVALID_ARG")));
+  };
+  json_refused("/v1/maps/room:localize", R"({"imagine": 1})", "no field `imagine`; there are map, image, camera");
+  json_refused("/v1/maps/room:localize", R"({"camera": {"modell": 1}})", "no field `camera.modell`; there are model");
+  json_refused("/v1/maps/room:align", R"({"poses": {"poses": [{}, {"tiem": 1}]}})", "[1].tiem`; there are time_ns");
+  json_refused("/v1/maps", R"({"name": "hall"})", "request: there is no field `name`; there are map, title");
+  json_refused("/v1/maps", R"({"map": })", "request: the body is no JSON, from byte 9 on");
+  json_refused("/v1/maps", "[1]", "request: the body must be an object");
+  json_refused("/v1/maps/room:removeSession", R"({"session": "x"})", "session");
   refused({"POST", "/v1/maps/room:localize", "application/json", "{}"}, "camera");
 }
 
@@ -164,6 +183,19 @@ TEST_F(HttpApiTest, ListsAndDescribesMaps) {
   const HttpResponse echo = ErrorResponse(absl::InvalidArgumentError(std::string(100'000, 'x')), "id");
   EXPECT_EQ(echo.status, 400);
   EXPECT_LT(echo.body.size(), 2000u) << "a client gets back no more than it can read";
+}
+
+TEST_F(HttpApiTest, WhileItStopsNothingIsAnsweredButThatItLives) {
+  EXPECT_EQ(Get("/readyz").status, 200);
+  api_->Stop();
+  EXPECT_EQ(Get("/healthz").status, 200);
+  for (const HttpResponse& refused :
+       {Get("/readyz"), Get("/v1/maps"), Get("/metrics"), api_->Handle(Form({{"image", Photo()}}))}) {
+    EXPECT_EQ(refused.status, 503);
+    EXPECT_EQ(ReasonOf(refused), "unavailable");
+    EXPECT_THAT(refused.body, HasSubstr("the server stops"));
+    EXPECT_NE(Header(refused, "X-Request-Id"), "");
+  }
 }
 
 TEST_F(HttpApiTest, HealthReadinessAndMetrics) {
@@ -344,7 +376,13 @@ TEST_F(HttpApiTest, WhatIsNotAnsweredIsWrittenDown) {
   api_ = std::make_unique<HttpApi>(CallContext{host_.get(), {}, &seen, access_.get()}, HttpHooks{});
   EXPECT_EQ(Get("/wp-login.php").status, 404);
   EXPECT_EQ(api_->Handle({"PUT", "/v1/maps", "", ""}).status, 405);
-  api_->NoteRefused("192.0.2.1", absl::InvalidArgumentError("this is no HTTP request"));
+  HttpRequest received;
+  received.peer = "192.0.2.1";
+  received.request_id = "photo-9";
+  const HttpResponse large = api_->AnswerRefused(received, absl::InvalidArgumentError("too large"), 413);
+  EXPECT_EQ(large.status, 413);
+  EXPECT_EQ(Header(large, "X-Request-Id"), "photo-9");
+  EXPECT_EQ(json::parse(large.body)["error"]["request_id"], "photo-9");
   EXPECT_THAT(seen.calls,
               testing::ElementsAre("unknown not_found", "unknown invalid_argument", "unknown invalid_argument"));
   const std::string log = *ReadWholeFile(options.request_log);
@@ -474,6 +512,17 @@ TEST_F(HttpApiTest, ParametersOfTheQueryAreCheckedAndUsed) {
   EXPECT_EQ(log("count=abc").status, 400);
   EXPECT_EQ(log("max_count=abc").status, 400);
   EXPECT_EQ(log("map=other").status, 400);
+  // What no path names may stand there.
+  HttpRequest create{"POST", "/v1/maps", "", ""};
+  create.query = "map=hall&title=The+hall";
+  EXPECT_EQ(api_->Handle(create).status, 200);
+  EXPECT_EQ(json::parse(Get("/v1/maps/hall").body)["summary"]["title"], "The hall");
+  const std::string deleted = json::parse(api_->Handle({"DELETE", "/v1/maps/hall", "", ""}).body)["deleted"];
+  HttpRequest restore{"POST", "/v1/deleted/" + deleted + ":restore", "", ""};
+  restore.query = "deleted=other";
+  EXPECT_EQ(api_->Handle(restore).status, 400) << "the path says it";
+  restore.query = "as=hall2";
+  EXPECT_EQ(api_->Handle(restore).status, 200);
 }
 
 TEST_F(HttpApiTest, ExportsFiles) {

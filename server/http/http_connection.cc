@@ -20,8 +20,9 @@ namespace http = boost::beast::http;
 using boost::system::error_code;
 using tcp = asio::ip::tcp;
 
-absl::Status TooLarge(const char* what, std::int64_t most) {
-  return absl::InvalidArgumentError(absl::StrCat("the ", what, " of more than ", most, " bytes"));
+absl::Status TooLarge(const char* what, std::int64_t most, absl::string_view setting = "") {
+  const std::string by = setting.empty() ? "" : absl::StrCat(", as many as this server takes (", setting, ")");
+  return absl::InvalidArgumentError(absl::StrCat("the ", what, " of more than ", most, " bytes", by));
 }
 
 class Connection final : public HttpConnection, public std::enable_shared_from_this<Connection> {
@@ -213,7 +214,8 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
       return Refuse(TooLarge("request has headers", shared_->options.max_header_bytes), 431);
     }
     if (error == http::error::body_limit) {
-      return Refuse(TooLarge("request has a body", shared_->options.max_body_bytes), 413);
+      return Refuse(TooLarge("request has a body", shared_->options.max_body_bytes, shared_->options.body_setting),
+                    413);
     }
     const bool malformed = error.category() == make_error_code(http::error::bad_method).category();
     if (!malformed || error == http::error::end_of_stream || error == http::error::partial_message) return Close();
@@ -221,7 +223,7 @@ class Connection final : public HttpConnection, public std::enable_shared_from_t
   }
 
   void Refuse(const absl::Status& why, int http_status) {
-    if (shared_->options.on_refused) shared_->options.on_refused(peer_, why);
+    if (shared_->options.on_refused) return Write(shared_->options.on_refused(Received(), why, http_status), false);
     HttpResponse response = ErrorResponse(why, "");
     response.status = http_status;
     Write(std::move(response), false);

@@ -17,7 +17,8 @@ namespace cairn::server {
 struct HttpServerOptions {
   std::string address = "127.0.0.1:7879";  // HOST:PORT, HOST an address or localhost; port 0: any that is free
   std::optional<ServerTls> tls;            // none: plain HTTP
-  std::int64_t max_body_bytes = 64 << 20;
+  std::int64_t max_body_bytes = 64 << 20;  // refused beyond, naming `body_setting`
+  std::string body_setting = {};           // by which that is set, for people; empty: none
   std::int64_t max_header_bytes = 16 << 10;
   int max_connections = 256;         // further ones are closed at once
   int threads = 8;                   // requests that are worked on at the same time
@@ -25,8 +26,9 @@ struct HttpServerOptions {
   // Looks at a request before its body is read: an answer refuses it, and ends the connection. Must be quick and not
   // throw. None: all pass.
   std::function<std::optional<HttpResponse>(const HttpRequest& without_body)> gate;
-  // Told of what never got as far as the handler: what is no HTTP, too large or too slow. Must be quick and not throw.
-  std::function<void(const std::string& peer, const absl::Status& refused)> on_refused;
+  // Answers what never got as far as the handler: what is no HTTP, too large or too slow, with this status. `received`:
+  // as far as it came. Must be quick and not throw. None: an error without an id.
+  std::function<HttpResponse(const HttpRequest& received, const absl::Status& why, int http_status)> on_refused;
 };
 
 class HttpServer {

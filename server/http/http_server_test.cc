@@ -204,6 +204,26 @@ TEST(HttpServer, WhatIsTooLargeOrNoHttpIsRefusedAndTheServerGoesOn) {
   EXPECT_THAT(answer_to("GET /a HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"), HasSubstr("GET /a "));
 }
 
+// Whoever answers them knows as much of them as has come.
+TEST(HttpServer, WhatIsRefusedUnreadKeepsItsRequestId) {
+  HttpServerOptions options = Options();
+  options.on_refused = [](const HttpRequest& received, const absl::Status& why, int status) {
+    return HttpResponse{status, "text/plain", absl::StrCat(received.request_id, "|", why.message())};
+  };
+  options.body_setting = "--most";
+  const auto server = *HttpServer::Start(options, Echo);
+  const auto answer_to = [&](const std::string& bytes) {
+    Client client(server->port());
+    client.Send(bytes);
+    return client.ReadAll();
+  };
+  EXPECT_THAT(answer_to("POST / HTTP/1.1\r\nHost: x\r\nX-Request-Id: a7\r\nContent-Length: 1001\r\n\r\n"),
+              AllOf(StartsWith("HTTP/1.1 413"), HasSubstr("a7|"), HasSubstr("(--most)")));
+  EXPECT_THAT(answer_to("GET / HTTP/1.1\r\nX-Request-Id: a8\r\nHost: " + std::string(3000, 'x') + "\r\n\r\n"),
+              StartsWith("HTTP/1.1 431"));
+  EXPECT_THAT(answer_to("no HTTP\r\n\r\n"), AllOf(StartsWith("HTTP/1.1 400"), HasSubstr("|this is no HTTP")));
+}
+
 TEST(HttpServer, ConnectionsAreCountedAndSlowOnesClosed) {
   HttpServerOptions options = Options();
   options.max_connections = 2;
@@ -223,10 +243,11 @@ TEST(HttpServer, WhoBeginsARequestAndDoesNotEndItIsToldSo) {
   options.timeout = std::chrono::seconds(1);
   std::mutex mutex;
   std::vector<absl::Status> refused;
-  options.on_refused = [&](const std::string& peer, const absl::Status& why) {
+  options.on_refused = [&](const HttpRequest& received, const absl::Status& why, int status) {
     const std::lock_guard lock(mutex);
-    EXPECT_EQ(peer, "127.0.0.1");
+    EXPECT_EQ(received.peer, "127.0.0.1");
     refused.push_back(why);
+    return HttpResponse{status, "text/plain", std::string(why.message())};
   };
   const TestingCertificate ca = MakeTestingCa(), own = MakeTestingCertificate({}, &ca);
   HttpServerOptions with_tls = options;

@@ -1,14 +1,14 @@
 #include "server/http/localize_request.h"
 
-#include <google/protobuf/util/json_util.h>
-
 #include <string>
 #include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
+#include "base/shown.h"
 #include "server/http/camera_json.h"
+#include "server/http/json_body.h"
 #include "server/http/multipart.h"
 #include "server/http/query.h"
 #include "wire/convert.h"
@@ -21,8 +21,7 @@ namespace {
 template <class Request>
 absl::StatusOr<Request> FromJson(const HttpRequest& http) {
   Request request;
-  const auto status = google::protobuf::util::JsonStringToMessage(http.body, &request);
-  if (!status.ok()) return absl::InvalidArgumentError(absl::StrCat("request: ", status.ToString()));
+  CAIRN_RETURN_IF_ERROR(ReadJsonMessage(http.body, &request));
   CAIRN_ASSIGN_OR_RETURN(const QueryParameters parameters, ParseQuery(http.query));
   CAIRN_RETURN_IF_ERROR(SetFields(parameters, "map", &request));
   return request;
@@ -50,8 +49,9 @@ absl::StatusOr<Request> FromForm(const std::vector<FormPart>& parts, std::string
         return absl::InvalidArgumentError("maps: name them, with commas between, or leave the part out for all");
       }
     } else {
-      return absl::InvalidArgumentError(
-          absl::StrCat("form: it has a part that is none of image, camera, time_ns", maps != nullptr ? ", maps" : ""));
+      return absl::InvalidArgumentError(absl::StrCat("form: there is no part `", Shown(part.name, 40),
+                                                     "` here; there are image, camera, time_ns",
+                                                     maps != nullptr ? ", maps" : "; the map is named by the path"));
     }
   }
   if (!request.has_image()) return absl::InvalidArgumentError("form: the part `image` is missing: a PNG or JPEG file");
@@ -69,9 +69,10 @@ absl::StatusOr<Request> FromForm(const std::vector<FormPart>& parts, std::string
   return request;
 }
 
-absl::Status CheckNoQuery(const HttpRequest& http) {
+absl::Status CheckNoQuery(const HttpRequest& http, absl::string_view parts) {
   if (http.query.empty()) return absl::OkStatus();
-  return absl::InvalidArgumentError("query: with a form, its parts say everything: maps and time_ns stand there");
+  return absl::InvalidArgumentError(
+      absl::StrCat("query: with a form, its parts say everything: ", parts, " stand there"));
 }
 
 }  // namespace
@@ -79,7 +80,7 @@ absl::Status CheckNoQuery(const HttpRequest& http) {
 absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& http) {
   using Request = v1::LocalizeImageRequest;
   if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http);
-  CAIRN_RETURN_IF_ERROR(CheckNoQuery(http));
+  CAIRN_RETURN_IF_ERROR(CheckNoQuery(http, "image, camera and time_ns"));
   CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
   return FromForm<Request>(parts, nullptr);
 }
@@ -87,7 +88,7 @@ absl::StatusOr<v1::LocalizeImageRequest> ReadLocalizeRequest(const HttpRequest& 
 absl::StatusOr<v1::LocalizeInMapsRequest> ReadLocalizeInMapsRequest(const HttpRequest& http) {
   using Request = v1::LocalizeInMapsRequest;
   if (absl::StartsWithIgnoreCase(http.content_type, "application/json")) return FromJson<Request>(http);
-  CAIRN_RETURN_IF_ERROR(CheckNoQuery(http));
+  CAIRN_RETURN_IF_ERROR(CheckNoQuery(http, "image, camera, time_ns and maps"));
   CAIRN_ASSIGN_OR_RETURN(const std::vector<FormPart> parts, ParseForm(http.content_type, http.body));
   std::string maps;
   CAIRN_ASSIGN_OR_RETURN(Request request, FromForm<Request>(parts, &maps));

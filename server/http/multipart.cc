@@ -4,10 +4,10 @@
 #include <string>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "base/shown.h"
 
 namespace cairn::server {
 namespace {
@@ -68,7 +68,7 @@ absl::StatusOr<std::vector<FormPart>> ParseForm(absl::string_view content_type, 
     CAIRN_ASSIGN_OR_RETURN(const absl::string_view name, NameOf(body.substr(begin, empty_line - begin)));
     // Which of them is meant, nobody can know.
     if (std::ranges::find(parts, name, &FormPart::name) != parts.end()) {
-      return BadForm(absl::StrCat("it has more than one \"", absl::CHexEscape(name.substr(0, 40)), "\""));
+      return BadForm(absl::StrCat("it has more than one \"", Shown(name, 40), "\""));
     }
     parts.push_back({name, body.substr(empty_line + 4, end - empty_line - 4)});
     at = end + between.size();

@@ -7,8 +7,8 @@
 #include <random>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_format.h"
+#include "base/shown.h"
 #include "base/told.h"
 #include "wire/errors.h"
 
@@ -82,7 +82,7 @@ void Note(const CallContext& context, const Client& client, absl::string_view ca
   // What a client wrote may be quoted in it: one line of readable text, whatever that was.
   constexpr std::size_t kMaxLogged = 500;
   spdlog::warn("request {} {} {}: {}", served.request_id, std::string(call), std::string(kind.reason),
-               absl::CHexEscape(served.status.message().substr(0, kMaxLogged)));
+               Shown(served.status.message(), kMaxLogged));
 }
 
 }  // namespace cairn::server

@@ -3,10 +3,10 @@
 #include <algorithm>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "base/shown.h"
 
 namespace cairn::api {
 
@@ -20,10 +20,10 @@ absl::Status CheckMapName(const std::string& name) {
                                                    absl::StripSuffix(name, ".cairn"), "\""));
   }
   constexpr std::size_t kMaxShown = 40;
-  return absl::InvalidArgumentError(absl::StrCat(
-      "\"", absl::CHexEscape(name.substr(0, kMaxShown)), name.size() > kMaxShown ? "..." : "",
-      "\" is no name of a map: that takes letters, digits, '.', '_' and '-', 1 to 128 of them, a letter or "
-      "a digit first"));
+  return absl::InvalidArgumentError(
+      absl::StrCat("\"", Shown(name, kMaxShown),
+                   "\" is no name of a map: that takes letters (a to z), digits, '.', '_' and '-', 1 to 128 of them, a "
+                   "letter or a digit first"));
 }
 
 }  // namespace cairn::api

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "base/guarded.h"
-#include "base/told.h"
 #include "client/query_image.h"
 #include "store/fault.h"
 
@@ -55,11 +54,10 @@ absl::Status CheckMeant(const api::SessionRequest& request, const map::Snapshot&
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<HostedSession>> HostedSession::Start(const api::SessionRequest& request,
-                                                                    std::shared_ptr<engine::LiveMap> map,
-                                                                    const std::string& directory) {
+                                                                    std::shared_ptr<engine::LiveMap> map, Tell tell) {
   auto session = std::unique_ptr<HostedSession>(new HostedSession(std::move(map)));
   session->changes_ = session->map_->Subscribe();
-  session->directory_ = directory;
+  session->tell_ = std::move(tell);
   session->map_name_ = request.map;
   session->map_id_ = session->map_->Published()->map().info().id;
   CAIRN_RETURN_IF_ERROR(CheckMeant(request, session->map_->Published()->map()));
@@ -95,13 +93,13 @@ void HostedSession::Look() {
 
 absl::StatusOr<api::SessionAnswer> HostedSession::AddFrame(const api::SessionFrame& frame) {
   absl::StatusOr<api::SessionAnswer> answer = Track(frame);
-  if (!answer.ok()) return WithoutDirectory(answer.status(), directory_);
+  if (!answer.ok()) return tell_(answer.status(), progress_.revision);
   return answer;
 }
 
 absl::StatusOr<api::SessionSummary> HostedSession::Finish() {
   absl::StatusOr<api::SessionSummary> summary = End();
-  if (!summary.ok()) return WithoutDirectory(summary.status(), directory_);
+  if (!summary.ok()) return tell_(summary.status(), progress_.revision);
   return summary;
 }
 

@@ -1,6 +1,7 @@
 // A session of a host: an engine::Session in a map that others read and extend meanwhile, and what its client is told.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -17,11 +18,13 @@ namespace cairn::host {
 // By one thread at a time.
 class HostedSession {
  public:
-  // Errors as of engine::Session::Create, and the fault kMoved if the request wants another map than this. `directory`:
-  // of the maps, which errors do not name.
+  // What clients are told of an error, in a session whose map is at `revision` (0: it was never made). May be called as
+  // long as the session lives.
+  using Tell = std::function<absl::Status(const absl::Status& error, Revision revision)>;
+
+  // Errors as of engine::Session::Create, and the fault kMoved if the request wants another map than this.
   static absl::StatusOr<std::unique_ptr<HostedSession>> Start(const api::SessionRequest& request,
-                                                              std::shared_ptr<engine::LiveMap> map,
-                                                              const std::string& directory);
+                                                              std::shared_ptr<engine::LiveMap> map, Tell tell);
 
   // As those of api::MapSession.
   absl::StatusOr<api::SessionAnswer> AddFrame(const api::SessionFrame& frame);
@@ -41,7 +44,7 @@ class HostedSession {
   const std::shared_ptr<engine::LiveMap> map_;  // outlives the session
   std::shared_ptr<engine::Subscription> changes_;
   std::unique_ptr<engine::Session> session_;
-  std::string directory_;  // not named in errors
+  Tell tell_;
   std::string map_name_;
   std::string map_id_;
   Camera camera_;

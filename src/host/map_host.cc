@@ -473,10 +473,19 @@ absl::StatusOr<std::unique_ptr<api::MapSession>> MapHost::StartSession(const api
         CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<HostedMap> map, Use(request.map));
         CAIRN_ASSIGN_OR_RETURN(live, map->Write());
       }
-      return HostedSession::Start(request, std::move(live), options_.directory);
+      const auto tell = [this, map = request.map](const absl::Status& error, Revision revision) {
+        if (revision == 0) return ToldOfChange(error, absl::StrCat("map \"", map, "\" is not made"));
+        return ToldOfChange(error, absl::StrCat("map \"", map, "\" is at revision ", revision,
+                                                ", and what this session has mapped since then is not kept"));
+      };
+      return HostedSession::Start(request, std::move(live), tell);
     };
     absl::StatusOr<std::unique_ptr<api::MapSession>> session = sessions_.Start(request, start);
-    if (!session.ok()) return Told(session.status());
+    if (!session.ok()) {
+      const bool makes = request.policy == map::SessionPolicy::kCreate;
+      return ToldOfChange(session.status(),
+                          absl::StrCat("map \"", request.map, makes ? "\" is not made" : "\" is not extended"));
+    }
     return session;
   });
 }

@@ -119,9 +119,10 @@ class MapHost : public api::MapService {
   };
 
   explicit MapHost(const MapHostOptions& options);
-  // Where a map of this name would be, and what is made beside it and removed again.
+  // Where a map of this name would be.
   std::string FileOf(const std::string& map) const;
-  std::string ScratchFile();
+  // Where files are made and removed again: beside the maps, or where the system has such files if that is not allowed.
+  std::string ScratchFolder() const;
   // The names of what look like maps, ascending.
   std::vector<std::string> Names() const;
   map::MapInfo NewInfo(const std::string& title, const place::Vocabulary& vocabulary) const;

@@ -1,4 +1,5 @@
 // What those who keep the maps ask of their host: copies, the trash, checks, alignment, history, files.
+#include <fcntl.h>
 #include <spdlog/spdlog.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
@@ -8,6 +9,7 @@
 
 #include "absl/strings/str_format.h"
 #include "base/guarded.h"
+#include "base/told.h"
 #include "care/session_removal.h"
 #include "engine/map_alignment.h"
 #include "host/export.h"
@@ -18,8 +20,9 @@
 
 namespace cairn::host {
 
-std::string MapHost::ScratchFile() {
-  return absl::StrCat(options_.directory, "/.export-", getpid(), "-", ++scratch_files_);
+std::string MapHost::ScratchFolder() const {
+  const bool may_write = faccessat(AT_FDCWD, options_.directory.c_str(), W_OK | X_OK, AT_EACCESS) == 0;
+  return may_write ? options_.directory : std::filesystem::temp_directory_path().string();
 }
 
 absl::Status MapHost::ToldOfChange(const absl::Status& status, absl::string_view undone) const {
@@ -150,7 +153,7 @@ absl::StatusOr<api::AlignAnswer> MapHost::Align(const std::string& map, const ap
       return engine::AlignMap(absl::StrCat("map \"", map, "\""), request, *live);
     };
     absl::StatusOr<api::AlignAnswer> answer = align();
-    if (!answer.ok()) return Told(answer.status());
+    if (!answer.ok()) return ToldOfChange(answer.status(), absl::StrCat("map \"", map, "\" is not aligned"));
     return answer;
   });
 }
@@ -168,7 +171,10 @@ absl::StatusOr<api::SessionRemoval> MapHost::RemoveSession(const std::string& ma
       return care::RemoveSession(absl::StrCat("map \"", map, "\""), session, *live);
     };
     absl::StatusOr<api::SessionRemoval> removal = remove();
-    if (!removal.ok()) return Told(removal.status());
+    if (!removal.ok()) {
+      return ToldOfChange(removal.status(),
+                          absl::StrCat("session ", session.value(), " of map \"", map, "\" is not removed"));
+    }
     return removal;
   });
 }
@@ -185,7 +191,15 @@ absl::StatusOr<api::MapLog> MapHost::Log(const std::string& map, const map::Chan
 absl::Status MapHost::Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) {
   return Guarded([&]() -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
-    return Told(ExportMapTo(path, content, ScratchFile(), sink));
+    const std::string folder = ScratchFolder();
+    const std::string scratch = absl::StrCat(folder, "/.export-", getpid(), "-", ++scratch_files_);
+    const absl::Status exported = ExportMapTo(path, content, scratch, sink);
+    if (folder == options_.directory) return ToldOfChange(exported, absl::StrCat("map \"", map, "\" is not exported"));
+    const absl::Status told = Told(WithoutDirectory(exported, folder));
+    if (store::FaultOf(told) == store::Fault::kNone) return told;
+    return Annotate(told, absl::StrCat("map \"", map,
+                                       "\" is not exported by way of the server's folder for temporary "
+                                       "files (TMPDIR), as it may not write to that of the maps"));
   });
 }
 

@@ -114,6 +114,43 @@ TEST_F(MapHost, FollowsAnotherProcess) {
   EXPECT_EQ(after->components[0].world_from_component->scale(), 3.0);
 }
 
+TEST_F(MapHost, ExportsAlsoWhereNothingCanBeWritten) {
+  const auto host = *OpenHost(directory_);
+  std::filesystem::permissions(directory_, std::filesystem::perms(0555));
+  constexpr uid_t kNobody = 65534;  // root may write everywhere
+  const uid_t self = geteuid();
+  if (self == 0) {
+    ASSERT_EQ(seteuid(kNobody), 0);
+  }
+  std::string file;
+  const absl::Status exported = host->Export("a", api::ExportContent::kPoints, [&](absl::string_view part) {
+    return absl::StrAppend(&file, part), absl::OkStatus();
+  });
+  if (self == 0) {
+    ASSERT_EQ(seteuid(self), 0);
+  }
+  std::filesystem::permissions(directory_, std::filesystem::perms(0755));
+  EXPECT_TRUE(exported.ok()) << exported;
+  EXPECT_EQ(file.substr(0, 3), "ply");
+}
+
+TEST_F(MapHost, OneSessionIsOne) {
+  host::MapHostOptions options;
+  options.directory = directory_;
+  options.max_sessions = 1;
+  const auto host = *host::MapHost::Open(options);
+  api::SessionRequest request;
+  request.map = "new";
+  request.policy = map::SessionPolicy::kCreate;
+  request.camera = Camera::FromPinhole(TheConformanceMap().pinhole);
+  const auto first = host->StartSession(request);
+  ASSERT_TRUE(first.ok()) << first.status();
+  request.map = "newer";
+  const absl::Status second = host->StartSession(request).status();
+  EXPECT_TRUE(absl::IsResourceExhausted(second));
+  EXPECT_THAT(std::string(second.message()), testing::HasSubstr("there is 1 session already"));
+}
+
 TEST_F(MapHost, ATrackerWhoseMapIsGoneDoesNotSayWhereItWas) {
   host::MapHostOptions options;
   options.directory = directory_;

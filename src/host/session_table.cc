@@ -10,6 +10,11 @@
 #include "engine/session_record.h"
 
 namespace cairn::host {
+namespace {
+
+std::string Sessions(int count) { return count == 1 ? "1 session" : absl::StrCat(count, " sessions"); }
+
+}  // namespace
 
 // A client's hold on a session.
 class SessionTable::Lease final : public api::MapSession {
@@ -105,13 +110,14 @@ void SessionTable::Keep(const std::string& token, const HostedSession& session,
 // With the lock.
 absl::Status SessionTable::CheckRoom(const std::string& client) const {
   if (static_cast<int>(entries_.size()) >= max_sessions_) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("there are ", max_sessions_, " sessions already, as many as this server takes"));
+    return absl::ResourceExhaustedError(absl::StrCat(max_sessions_ == 1 ? "there is" : "there are", " ",
+                                                     Sessions(max_sessions_), " already, as many as ",
+                                                     "this server takes (--max-sessions)"));
   }
   const auto of_client = std::ranges::count_if(entries_, [&](const auto& e) { return e.second->client == client; });
   if (!client.empty() && of_client >= max_of_client_) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("you have ", max_of_client_, " sessions already, as many as one client may"));
+    return absl::ResourceExhaustedError(absl::StrCat("you have ", Sessions(max_of_client_),
+                                                     " already, as many as one client may (--max-client-sessions)"));
   }
   return absl::OkStatus();
 }

@@ -30,6 +30,7 @@ absl::StatusOr<Exposures> ReadExposures(const std::string& path) {
   for (const TextLine& line : lines) {
     const std::vector<absl::string_view> fields = SplitFields(line.text);
     if (fields.size() < 3) return LineError(path, line.number, "expected `id seconds exposure_ms`");
+    CAIRN_RETURN_IF_ERROR(CheckNoMoreFields(path, line, fields.size(), 3, "id seconds exposure_ms"));
     const absl::StatusOr<TimeNs> time_ns = ParseSeconds(fields[1]);
     if (!time_ns.ok()) return LineError(path, line.number, time_ns.status().message());
     CAIRN_RETURN_IF_ERROR(order.Add(*time_ns, path, line.number));

@@ -109,6 +109,26 @@ std::vector<std::string> ColumnNames(absl::string_view header) {
   return names;
 }
 
+bool HasDecimalCommas(absl::string_view text) {
+  bool in_numbers = false, blanks = false;
+  for (std::size_t i = 1; i + 1 < text.size(); ++i) {
+    const auto digit = [&](std::size_t at) { return absl::ascii_isdigit(static_cast<unsigned char>(text[at])); };
+    in_numbers |= text[i] == ',' && digit(i - 1) && digit(i + 1);
+    blanks |= absl::ascii_isblank(static_cast<unsigned char>(text[i])) && digit(i - 1);
+  }
+  return in_numbers && blanks && !absl::StrContains(text, ';');
+}
+
+absl::Status CheckNoMoreFields(const std::string& path, const TextLine& line, std::size_t fields, std::size_t most,
+                               absl::string_view what, absl::string_view header) {
+  if (fields <= most || ColumnNames(header).size() == fields) return absl::OkStatus();
+  const bool commas = absl::StrContains(line.text, ',') && !absl::StrContains(line.text, ';');
+  return LineError(path, line.number,
+                   absl::StrCat(fields, " columns, and `", what, "` are ", most,
+                                commas ? ": a comma separates columns, the decimal sign is a point" : "",
+                                "; further columns need a header that names them all"));
+}
+
 absl::Status LineError(const std::string& path, int number, absl::string_view message) {
   return absl::InvalidArgumentError(absl::StrCat(path, ":", number, ": ", message));
 }

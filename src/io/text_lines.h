@@ -34,6 +34,14 @@ std::vector<absl::string_view> SplitFields(absl::string_view text);
 // separated by commas if there are any, or else by blanks. What follows a colon is a remark.
 std::vector<std::string> ColumnNames(absl::string_view header);
 
+// Whether commas stand between digits of a line whose columns are separated by blanks.
+bool HasDecimalCommas(absl::string_view text);
+
+// InvalidArgument if a line has more fields than the `most` that are meant (`what`: their names), unless the header
+// names all that it has: a number with a decimal comma is two, and would be read as another one.
+absl::Status CheckNoMoreFields(const std::string& path, const TextLine& line, std::size_t fields, std::size_t most,
+                               absl::string_view what, absl::string_view header = "");
+
 // "path:number: message", InvalidArgument.
 absl::Status LineError(const std::string& path, int number, absl::string_view message);
 

@@ -116,6 +116,11 @@ absl::StatusOr<std::vector<TimeNs>> TimesIn(const std::string& path, const TextT
           path, line.number,
           absl::StrCat(fields.size(), " columns instead of ", layout.num_columns, ", `", layout.Describe(), "`"));
     }
+    // What else such files have in further columns is left out; but a decimal comma makes columns of one number.
+    if (HasDecimalCommas(line.text)) {
+      CAIRN_RETURN_IF_ERROR(CheckNoMoreFields(path, line, fields.size(), static_cast<std::size_t>(layout.most_columns),
+                                              layout.Describe()));
+    }
     if (layout.time_column) texts.push_back({line.number, fields[static_cast<std::size_t>(*layout.time_column)]});
   }
   if (!layout.time_column) return TimesOf(path, table.lines.size(), out);

@@ -57,7 +57,7 @@ std::optional<TrajectoryLayout> MatrixLayout(const TextTable& table) {
     layout.format = TrajectoryFormat::kKitti;
     layout.time_column = first == 0 ? std::nullopt : std::optional<int>(0);
     layout.matrix_column = first;
-    layout.num_columns = static_cast<int>(numbers.size());
+    layout.num_columns = layout.most_columns = static_cast<int>(numbers.size());
     return layout;
   }
   return std::nullopt;
@@ -123,6 +123,7 @@ absl::StatusOr<std::optional<TrajectoryLayout>> NamedLayout(const std::string& p
   layout.time_column = *time;
   layout.named_unit = UnitOfColumn(names[static_cast<std::size_t>(*time)]);
   layout.num_columns = *time + 1;
+  layout.most_columns = static_cast<int>(names.size());
   for (const auto& [part, column] : column_of) {
     layout.columns[static_cast<std::size_t>(part)] = column;
     layout.num_columns = std::max(layout.num_columns, column + 1);
@@ -171,6 +172,7 @@ absl::StatusOr<TrajectoryLayout> FindTrajectoryLayout(const std::string& path, c
     layout.format = TrajectoryFormat::kEuroc;
     layout.usual_unit = TimeUnit::kNanoseconds;
     layout.columns = {1, 2, 3, 5, 6, 7, 4};
+    layout.most_columns = 17;  // with velocity and biases
     if (table.header.empty()) {
       layout.note = "no header names the columns: read as EuRoC's, qw before qx qy qz, of the body";
     }

@@ -21,7 +21,8 @@ struct TrajectoryLayout {
   // Of a matrix, 3x4 or 4x4 row by row: its first column; else none.
   std::optional<int> matrix_column;
   std::array<int, 7> columns = {1, 2, 3, 4, 5, 6, 7};  // of x y z qx qy qz qw
-  int num_columns = 8;                                 // that a line must have at least
+  int num_columns = 8;                                 // that a line must have at least ...
+  int most_columns = 8;                                // ... and may have
   std::string note;                                    // for people; empty: as usual
 
   // For messages: "t tx ty tz qx qy qz qw".

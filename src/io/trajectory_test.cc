@@ -5,6 +5,7 @@
 
 #include "base/random.h"
 #include "io/testing_folder.h"
+#include "io/text_lines.h"
 
 namespace cairn::io {
 namespace {
@@ -144,6 +145,31 @@ TEST(Trajectory, MatricesInWhateverForm) {
   folder.Write("times.txt", "0\n");
   folder.Write("tum.txt", "7.5 1 2 3 0 0 0 1 9 9 9 9\n");
   EXPECT_EQ(ReadTrajectory(folder / "tum.txt")->poses[0].time_ns, 7'500'000'000);
+}
+
+// Which would be taken for the separator of columns: of other numbers, with a good quaternion even.
+TEST(Trajectory, DecimalCommasAreRefused) {
+  const TestingFolder folder;
+  for (const char* line : {"7,5 1,25 2,0 3,0 0 1 0 1", "# t tx ty tz qx qy qz qw\n7,5 1 2 3 0 0 0 1 0 0 1"}) {
+    folder.Write("commas.txt", line);
+    const absl::Status refused = ReadTrajectory(folder / "commas.txt").status();
+    EXPECT_THAT(std::string(refused.message()), HasSubstr("12 columns, and `t tx ty tz qx qy qz qw` are 8"));
+    EXPECT_THAT(std::string(refused.message()), HasSubstr("the decimal sign is a point"));
+  }
+  folder.Write("csv.txt", "7.5,1,2,3,0,0,0,1,9\n");
+  EXPECT_TRUE(ReadTrajectory(folder / "csv.txt").ok()) << "a column more, and no decimal comma";
+}
+
+TEST(TextTable, FurtherColumnsNeedAHeaderThatNamesThem) {
+  const TextLine line{3, "1 60.1 24.9 500,323"};
+  const auto check = [&](absl::string_view header) {
+    return CheckNoMoreFields("a.txt", line, 5, 4, "a b c d", header);
+  };
+  EXPECT_THAT(std::string(check("").message()),
+              HasSubstr("a.txt:3: 5 columns, and `a b c d` are 4: a comma separates"));
+  EXPECT_FALSE(check("time latitude longitude height").ok());
+  EXPECT_TRUE(check("time latitude longitude height sigma").ok());
+  EXPECT_TRUE(CheckNoMoreFields("a.txt", line, 4, 4, "a b c d").ok());
 }
 
 TEST(Trajectory, AHeaderNamesTheColumns) {

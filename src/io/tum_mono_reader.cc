@@ -69,7 +69,7 @@ absl::StatusOr<Camera> ReadCameraText(const std::string& path) {
   Camera camera;
   camera.model = *model;
   const std::vector<absl::string_view> size = SplitFields(lines[1].text);
-  if (size.size() < 2 || !absl::SimpleAtoi(size[0], &camera.width_px) ||
+  if (size.size() != 2 || !absl::SimpleAtoi(size[0], &camera.width_px) ||
       !absl::SimpleAtoi(size[1], &camera.height_px)) {
     return LineError(path, lines[1].number, "expected `width height` of the raw images, in pixels");
   }
@@ -129,6 +129,7 @@ absl::StatusOr<std::vector<ListedImage>> ReadList(const std::string& path, const
   for (const TextLine& line : lines) {
     const std::vector<absl::string_view> fields = SplitFields(line.text);
     if (fields.size() < 2) return LineError(path, line.number, "expected `id seconds exposure_ms`");
+    CAIRN_RETURN_IF_ERROR(CheckNoMoreFields(path, line, fields.size(), 3, "id seconds exposure_ms", table.header));
     const absl::StatusOr<double> exposure_s = ParseExposure(fields.size() > 2 ? fields[2] : "0");
     if (!exposure_s.ok()) return LineError(path, line.number, exposure_s.status().message());
     ids.emplace_back(fields[0]);

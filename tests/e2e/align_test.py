@@ -220,6 +220,13 @@ class Align(unittest.TestCase):
         answer = cairn('align', wrong, '--points', survey)
         self.assertEqual(answer.code, 1, answer.out)
         self.assertEqual(must('info', wrong, '--digest')['digest'], before)
+        # Numbers with decimal commas are more columns, of other numbers.
+        survey.write_text('\n'.join([*lines[:2], 'point 1 0,5 1 2']) + '\n')
+        self.assertIn('the decimal sign is a point', cairn('align', wrong, '--points', survey).json['error'])
+        for text, columns in (('1 60.17 24.93 500,323', 5), ('2 60,17 24,93 500,3', 7), ('3 60.17 24.93 500 7', 5)):
+            survey.write_text(f'keyframe latitude longitude height\n1 60.17 24.93 500\n{text}\n')
+            error = cairn('align', wrong, '--geo-positions', survey).json['error']
+            self.assertIn(f':3: {columns} columns, and `keyframe latitude longitude height` are 4', error)
         for text in (lines[0], 'point 999999 0 0 0', 'point 1 0 0', 'tower 1 0 0 0'):
             survey.write_text('\n'.join([*lines[:2], text]) + '\n')
             self.assertIn(cairn('align', wrong, '--points', survey).code, (1, 2), text)

@@ -274,6 +274,15 @@ class CommandLine(unittest.TestCase):
             self.assertEqual(answer.code, 2)
             self.assertIn('there is no verb ' + named, answer.err)
             self.assertIn('there is no verb ' + named, cairn(*arguments).json['error'])
+        # Options of cairn itself stand in front of the verb.
+        at = ['--server', 'localhost:1']
+        for arguments, says in (([*at, 'localise', 'x'], 'there is no verb "localise"'),
+                                (['--server=localhost:1', 'eval', 'foo'], 'there is no verb "foo" of cairn eval'),
+                                ([*at, 'recover', 'office'], 'cairn recover: it works on files: not with --server'),
+                                ([*at, 'log', 'office', '--count', '0'], 'see cairn log --help')):
+            answer = cairn(*arguments, json_output=False)
+            self.assertEqual(answer.code, 2)
+            self.assertIn(says, answer.err)
         for arguments in ([], ['run'], ['run', 'x', '--map', 'y', '--unknown'], ['localize', self.office, '--map', self.map]):
             answer = cairn(*arguments)
             self.assertEqual((answer.code, answer.json['exit_code'], answer.json['fault']), (2, 2, 'usage'), arguments)

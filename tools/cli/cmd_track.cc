@@ -316,9 +316,12 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
     PrintJson(json);
     return;
   }
+  // Those that came too fast are frames of the camera, too, and have none.
+  const std::int64_t due = summary.frames + summary.dropped;
   std::printf("a pose for %lld of %lld frames (%.1f %%), %.2f ms median each (p99 %.2f)\n",
-              static_cast<long long>(summary.WithPose()), static_cast<long long>(summary.frames),
-              100.0 * share(summary.WithPose()), summary.track_ms.Percentile(0.5), summary.track_ms.Percentile(0.99));
+              static_cast<long long>(summary.WithPose()), static_cast<long long>(due),
+              due > 0 ? 100.0 * static_cast<double>(summary.WithPose()) / static_cast<double>(due) : 0.0,
+              summary.track_ms.Percentile(0.5), summary.track_ms.Percentile(0.99));
   for (const api::TrackState state : kStates) {
     const std::int64_t count = summary.of_state[static_cast<std::size_t>(state)];
     std::printf("  %-8s %6lld  %5.1f %%\n", api::TrackStateName(state), static_cast<long long>(count),
@@ -332,7 +335,8 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
     std::printf("  %lld in other components than those of the files, %s (cairn info)\n",
                 static_cast<long long>(summary.elsewhere), NameComponents(summary.together).c_str());
   }
-  if (summary.dropped > 0) std::printf("  %lld frames came too fast\n", static_cast<long long>(summary.dropped));
+  if (summary.dropped > 0)
+    std::printf("  %lld frames came too fast: they were not tracked\n", static_cast<long long>(summary.dropped));
   if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
   if (summary.disconnected > 0) {
     std::printf("  %lld frames without the server, in what was known of the map, up to %.1f s old\n",

@@ -68,6 +68,9 @@ absl::StatusOr<api::GeoPositions> ReadGeoPositions(const std::string& path) {
       return io::LineError(path, line.number,
                            absl::StrCat(by_keyframe ? "keyframe" : "time", " latitude longitude height are needed"));
     }
+    CAIRN_RETURN_IF_ERROR(io::CheckNoMoreFields(
+        path, line, fields.size(), kColumns,
+        by_keyframe ? "keyframe latitude longitude height" : "time latitude longitude height", table.header));
     api::GeoPositions::At at;
     const absl::StatusOr<GeoPosition> position = PositionFrom(fields[1], fields[2], fields[3]);
     if (!position.ok()) return io::LineError(path, line.number, position.status().message());

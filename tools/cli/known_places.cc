@@ -25,7 +25,11 @@ absl::StatusOr<Vector3d> VectorFrom(const std::vector<std::string>& words) {
   for (std::size_t i = 0; good && i < 3; ++i) {
     good = absl::SimpleAtod(words[i], &vector[static_cast<Eigen::Index>(i)]);
   }
-  return good ? absl::StatusOr<Vector3d>(vector) : absl::InvalidArgumentError("three numbers X Y Z are needed");
+  if (good) return vector;
+  return absl::InvalidArgumentError(words.size() > 3
+                                        ? absl::StrCat("three numbers X Y Z are needed, not ", words.size(),
+                                                       " (a comma separates columns, the decimal sign is a point)")
+                                        : "three numbers X Y Z are needed");
 }
 
 // Takes its words from the front.

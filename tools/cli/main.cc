@@ -69,6 +69,19 @@ std::string VerbNames(const CLI::App& app) {
                        [](std::string* out, const CLI::App* verb) { out->append(verb->get_name()); });
 }
 
+// From the first one on that is no option of `cairn` itself, as --server HOST.
+std::vector<std::string> FromVerb(const CLI::App& app, const std::vector<std::string>& arguments) {
+  std::size_t at = 0;
+  while (at < arguments.size() && absl::StartsWith(arguments[at], "--")) {
+    const std::string name = arguments[at].substr(0, arguments[at].find('='));
+    const CLI::Option* const option = app.get_option_no_throw(name);
+    const bool takes_next = option != nullptr && option->get_items_expected_max() > 0 && name == arguments[at];
+    at += takes_next ? 2 : 1;
+  }
+  at = std::min(at, arguments.size());
+  return {arguments.begin() + static_cast<std::ptrdiff_t>(at), arguments.end()};
+}
+
 // What to say of a verb that there is not; empty if there is.
 std::string UnknownVerb(const CLI::App& app, const std::vector<std::string>& arguments) {
   const CLI::App* at = &app;
@@ -188,10 +201,19 @@ int ParseAndRun(Call* call) {
   AddSynthCommand(app, &action);
   AddCameraCommand(app, &action);
 
-  if (const std::string unknown = UnknownVerb(app, call->arguments); !unknown.empty()) {
+  const std::vector<std::string> from_verb = FromVerb(app, call->arguments);
+  if (const std::string unknown = UnknownVerb(app, from_verb); !unknown.empty()) {
     return FailUsage("", unknown, call->json);
   }
-  call->verb = VerbOf(app, call->arguments);
+  call->verb = VerbOf(app, from_verb);
+  const bool names_server =
+      from_verb.size() < call->arguments.size() &&
+      std::any_of(call->arguments.begin(), call->arguments.end() - static_cast<std::ptrdiff_t>(from_verb.size()),
+                  [](const std::string& a) { return a == "--server" || absl::StartsWith(a, "--server="); });
+  const bool asks_help = std::find(from_verb.begin(), from_verb.end(), "--help") != from_verb.end();
+  if (names_server && !from_verb.empty() && !asks_help && !AsksServers(from_verb[0])) {
+    return FailUsage(call->verb, "it works on files: not with --server", call->json);
+  }
   if (const std::string empty = EmptyValue(call->arguments); !empty.empty()) {
     return FailUsage(call->verb, empty, call->json);
   }

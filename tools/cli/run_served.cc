@@ -15,6 +15,7 @@
 #include "cli/run_options.h"
 #include "cli/server_option.h"
 #include "io/trajectory.h"
+#include "store/fault.h"
 #include "text/text.h"
 
 namespace cairn::cli {
@@ -118,6 +119,16 @@ absl::Status WriteTrajectory(const RunOptions& options, const api::SessionSummar
   return WriteTrajectory(options, trajectory.poses, summary.component, summary.world_from_component.has_value(), note);
 }
 
+// What is known of the frames before the server was started again.
+std::string PosesBeforeRestart(const ServedTrajectory& trajectory, ComponentId component) {
+  if (trajectory.answered_before == 0) return "(none of them had been answered with a pose)";
+  const std::string answered =
+      absl::StrCat("(", trajectory.answered_before, " of them had been answered with a pose: ");
+  if (trajectory.as_answered == trajectory.answered_before) return absl::StrCat(answered, "the trajectory has those)");
+  return absl::StrCat(answered, "the trajectory has the ", trajectory.as_answered, " in component ", component.value(),
+                      ", --live-poses has all)");
+}
+
 void PrintServedRun(const RunOptions& options, const api::SessionSummary& summary, const io::SourceInfo& info,
                     const FeedReport& feed, const InterruptWatch& interrupt, std::optional<std::int64_t> live_poses,
                     const AnsweredPoses& answered, const ServedTrajectory& trajectory) {
@@ -154,9 +165,7 @@ void PrintServedRun(const RunOptions& options, const api::SessionSummary& summar
     std::printf(
         "  the server was started again on the way: %lld frames before that are in the map, but have no final pose\n",
         static_cast<long long>(before_restart));
-    std::printf(
-        "  (the trajectory has %lld of those answered live, as they are in component %u; --live-poses has all)\n",
-        static_cast<long long>(trajectory.as_answered), summary.component.value());
+    std::printf("  %s\n", PosesBeforeRestart(trajectory, summary.component).c_str());
   }
   const auto posed = static_cast<std::int64_t>(summary.poses.size());
   if (posed < summary.frames_tracked) {
@@ -166,6 +175,18 @@ void PrintServedRun(const RunOptions& options, const api::SessionSummary& summar
         static_cast<long long>(summary.frames_tracked - posed), summary.component.value(),
         static_cast<long long>(posed));
   }
+}
+
+// As a run of a file says it.
+absl::Status WithRemedy(const RunOptions& options, const absl::Status& status) {
+  const store::Fault fault = store::FaultOf(status);
+  const char* remedy = "";
+  if (fault == store::Fault::kExists && !options.extend) {
+    remedy = ": give --extend to add this session to it, or choose another name";
+  } else if (fault == store::Fault::kNotFound && options.extend) {
+    remedy = " to extend: leave --extend out to make it";
+  }
+  return *remedy == 0 ? status : store::MakeFault(fault, absl::StrCat(status.message(), remedy));
 }
 
 // On the terminal, as soon as it is known.
@@ -192,8 +213,9 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
   ServerChoice choice = options.server;
   choice.interrupt = interrupt;
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(choice));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<api::MapSession> session,
-                         service->StartSession(RequestOf(options, source->info())));
+  const auto started = service->StartSession(RequestOf(options, source->info()));
+  CAIRN_RETURN_IF_ERROR(WithRemedy(options, started.status()));
+  const std::unique_ptr<api::MapSession>& session = *started;
   LivePoseFile live(options.live_poses);
   CAIRN_RETURN_IF_ERROR(live.status());
   api::SessionProgress before;

@@ -4,35 +4,13 @@
 #include <cstdint>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
+#include "base/shown.h"
 
 namespace cairn::text {
 namespace {
 
 constexpr int kMinTextWidth = 6;  // to which a column is cut
-
-// One character of UTF-8 at the start of `text`; `bytes` is 0 for what is none.
-struct Character {
-  std::uint32_t code = 0;
-  std::size_t bytes = 0;
-};
-
-Character First(absl::string_view text) {
-  const auto byte = [&](std::size_t i) { return static_cast<std::uint8_t>(text[i]); };
-  if (text.empty()) return {};
-  if (byte(0) < 0x80) return {byte(0), 1};
-  const std::size_t length = byte(0) >= 0xF0 ? 4 : byte(0) >= 0xE0 ? 3 : 2;
-  if (byte(0) < 0xC2 || byte(0) > 0xF4 || text.size() < length) return {};
-  std::uint32_t code = byte(0) & (0x7Fu >> length);
-  for (std::size_t i = 1; i < length; ++i) {
-    if ((byte(i) & 0xC0) != 0x80) return {};
-    code = code << 6 | (byte(i) & 0x3Fu);
-  }
-  constexpr std::uint32_t kSmallest[] = {0, 0, 0x80, 0x800, 0x10000};
-  if (code < kSmallest[length] || code > 0x10FFFF || (code >= 0xD800 && code <= 0xDFFF)) return {};
-  return {code, length};
-}
 
 // Unicode's "East Asian Wide" and "Fullwidth" (UAX 11), by their large blocks.
 int WidthOf(std::uint32_t code) {
@@ -45,36 +23,16 @@ int WidthOf(std::uint32_t code) {
   return wide ? 2 : 1;
 }
 
-// Of ASCII, of Latin 1 beyond it, and what turns the direction of writing.
-bool Commands(std::uint32_t code) {
-  return code < 0x20 || (code >= 0x7F && code <= 0x9F) || (code >= 0x202A && code <= 0x202E) ||
-         (code >= 0x2066 && code <= 0x2069);
-}
-
 void Fill(std::string* line, int columns) { line->append(static_cast<std::size_t>(std::max(0, columns)), ' '); }
 
 }  // namespace
 
-std::string Shown(absl::string_view text) {
-  std::string shown;
-  while (!text.empty()) {
-    const Character next = First(text);
-    const std::size_t bytes = std::max<std::size_t>(1, next.bytes);
-    if (next.bytes == 0 || Commands(next.code)) {
-      for (const char c : text.substr(0, bytes))
-        absl::StrAppendFormat(&shown, "\\x%02x", static_cast<unsigned char>(c));
-    } else {
-      absl::StrAppend(&shown, text.substr(0, bytes));
-    }
-    text.remove_prefix(bytes);
-  }
-  return shown;
-}
+std::string Shown(absl::string_view text) { return cairn::Shown(text); }
 
 int DisplayWidth(absl::string_view text) {
   int columns = 0;
   while (!text.empty()) {
-    const Character next = First(text);
+    const Utf8Character next = FirstCharacter(text);
     columns += next.bytes == 0 ? 1 : WidthOf(next.code);
     text.remove_prefix(std::max<std::size_t>(1, next.bytes));
   }
@@ -86,7 +44,7 @@ std::string Cut(absl::string_view text, int columns) {
   std::string cut;
   int used = 0;
   while (!text.empty()) {
-    const Character next = First(text);
+    const Utf8Character next = FirstCharacter(text);
     const int width = next.bytes == 0 ? 1 : WidthOf(next.code);
     if (used + width > std::max(0, columns - 3)) break;
     absl::StrAppend(&cut, text.substr(0, std::max<std::size_t>(1, next.bytes)));

@@ -105,6 +105,7 @@ int Serve(const DaemonOptions& options, const sigset_t& signals) {
             << (*daemon)->grpc_address()
             << (!options.no_http ? absl::StrCat(", HTTP on ", (*daemon)->http_address()) : "") << std::endl;
   std::cout << "  " << options.ProtectionText() << std::endl;
+  for (const std::string& warning : options.Warnings()) spdlog::warn("{}", warning);
   const timespec second{1, 0};
   int signal = -1;
   while (signal < 0) {
@@ -156,6 +157,7 @@ int Main(int argc, char** argv) {
   if (status.ok() && line.check_config) status = options.CheckFiles();
   if (!status.ok()) return Complain(status);
   if (line.check_config) {
+    for (const std::string& warning : options.Warnings()) std::cerr << "cairnd: warning: " << warning << "\n";
     std::cout << "the settings are right\n";
     return kOk;
   }

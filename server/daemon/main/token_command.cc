@@ -149,7 +149,9 @@ void AddTokenCommand(CLI::App& app, std::function<absl::StatusOr<std::string>()>
   revoke->callback([=] {
     *action = [=]() -> absl::Status {
       CAIRN_ASSIGN_OR_RETURN(const std::string path, (*file)());
-      return RevokeToken(path, *name);
+      CAIRN_RETURN_IF_ERROR(RevokeToken(path, *name));
+      std::cerr << "token " << *name << " is revoked: servers of " << path << " do not know it any more\n";
+      return absl::OkStatus();
     };
   });
 }
