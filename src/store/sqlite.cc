@@ -71,7 +71,7 @@ absl::string_view Advice(Fault fault) {
     case Fault::kDamaged:
       return "the file is damaged";
     case Fault::kFull:
-      return "there is no room left on the disk, or the file may not grow further; the map is at its last revision";
+      return "there is no room left on the disk, or the file may not grow further";
     case Fault::kReadOnly:
       return "no permission to write the file or its folder";
     case Fault::kBusy:

@@ -94,6 +94,10 @@ absl::Status Draw(const LocalizeOptions& options, const Summary& summary) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
                          store::OpenMapStore(options.map, store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
+  if (map->keyframes().empty()) {
+    TellNotes("localize", {absl::StrCat(options.picture, " is not drawn: ", options.map, " has no keyframes")});
+    return absl::OkStatus();
+  }
   std::vector<SE3> queries;
   for (const io::StampedPose& pose : summary.poses) queries.push_back(pose.world_from_camera);
   return DrawMap(*map, options.picture, queries);

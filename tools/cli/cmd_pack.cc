@@ -51,6 +51,7 @@ absl::StatusOr<PackReport> RunPack(const PackCommand& command) {
   CAIRN_RETURN_IF_ERROR(CheckDistinct({command.out}, {command.map}));
   CAIRN_RETURN_IF_ERROR(CheckWritable(command.out, command.overwrite, /*is_map=*/true));
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("pack", command.map));
+  CAIRN_RETURN_IF_ERROR(RequireKeyframes(command.map, *loaded.map));
   const map::MapInfo info = care::NewMapInfo(loaded.map->info(), loaded.map->info().name);
   PackReport report;
   CAIRN_ASSIGN_OR_RETURN(report.packed, care::Pack(*loaded.map, info, command.options));

@@ -44,6 +44,7 @@ absl::StatusOr<Rendered> Render(const RenderOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("render", source.path()));
+  CAIRN_RETURN_IF_ERROR(RequireKeyframes(options.map, *loaded.map));
   Rendered rendered;
   rendered.components = TogetherInOneFrame(*loaded.map);
   if (options.component != 0) {

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <optional>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
@@ -128,11 +129,14 @@ absl::Status ExportModel(const ModelExport& options) {
   auto made = exchange::FromMap(*map, ComponentId(options.component));
   if (!made.ok()) return Annotate(made.status(), options.map);
   Reconstruction& model = *made;
+  std::optional<FreshFolder> folder;
+  if (MakesFolder(options.format)) folder.emplace(options.out);
   std::size_t images = 0;
   if (!options.images.empty()) {
     CAIRN_ASSIGN_OR_RETURN(images, AddImages(options, *map, &model));
   }
   CAIRN_RETURN_IF_ERROR(Writers().at(options.format)({*map, model, options}));
+  if (folder) folder->Keep();
   const exchange::ModelErrors errors = exchange::MeasureErrors(model);
   if (options.json) {
     nlohmann::ordered_json json = {

@@ -1,5 +1,7 @@
 #include "text/text.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <cstdint>
 
@@ -109,6 +111,12 @@ std::string Wrapped(absl::string_view text, absl::string_view indent, absl::stri
     empty = false;
   }
   return absl::StrCat(all, line, "\n");
+}
+
+std::string WrappedOn(std::FILE* stream, absl::string_view text, absl::string_view indent,
+                      absl::string_view next_indent) {
+  if (isatty(fileno(stream)) != 0) return Wrapped(text, indent, next_indent);
+  return absl::StrCat(indent, text, "\n");
 }
 
 std::string TextTable(const std::vector<TextColumn>& columns, const std::vector<std::vector<std::string>>& rows,
