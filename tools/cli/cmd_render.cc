@@ -3,6 +3,7 @@
 #include <map>
 #include <memory>
 
+#include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
 #include "cli/loaded_map.h"
@@ -119,8 +120,8 @@ void AddRenderCommand(CLI::App& app, Action* action) {
                    {"points", rendered->points},
                    {"unit", rendered->unit}});
       } else {
-        std::printf("%s: %zu keyframes and %zu points of %s\n", text::Shown(options->out).c_str(), rendered->cameras,
-                    rendered->points, NameComponents(rendered->components).c_str());
+        text::Say(absl::StrFormat("%s: %zu keyframes and %zu points of %s\n", text::Shown(options->out),
+                                  rendered->cameras, rendered->points, NameComponents(rendered->components)));
       }
       return static_cast<int>(kOk);
     };

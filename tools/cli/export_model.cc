@@ -9,6 +9,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
+#include "absl/strings/str_format.h"
 #include "base/files.h"
 #include "cli/cli.h"
 #include "exchange/colmap.h"
@@ -152,11 +153,11 @@ absl::Status ExportModel(const ModelExport& options) {
                  {"error_mean_of_points_px", errors.mean_of_points_px}});
     PrintJson(json);
   } else {
-    std::printf("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out).c_str(),
-                options.format.c_str(), model.images.size(), model.points.size(),
-                model.metric ? "the world, metres" : "map units");
-    if (!options.images.empty()) std::printf("  %zu images of keyframes\n", images);
-    std::printf("  reprojection error %.3f px on average, %.3f px RMS\n", errors.mean_px, errors.rms_px);
+    text::Say(absl::StrFormat("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out),
+                              options.format, model.images.size(), model.points.size(),
+                              model.metric ? "the world, metres" : "map units"));
+    if (!options.images.empty()) text::Say(absl::StrFormat("  %zu images of keyframes\n", images));
+    text::Say(absl::StrFormat("  reprojection error %.3f px on average, %.3f px RMS\n", errors.mean_px, errors.rms_px));
   }
   return absl::OkStatus();
 }

@@ -147,11 +147,12 @@ void PrintKnownAlignment(const std::string& map, const api::AlignAnswer& answer,
                {"rotation_sigma_deg", SigmaAsJson(rotation_deg)}});
     return;
   }
-  std::printf("%s, component %u, is aligned: scale %.4f %s, rotation %s\n", text::Shown(map).c_str(),
-              aligned.component.value(), aligned.world_from_component.scale(),
-              SigmaText(100.0 * aligned.scale_sigma, "%").c_str(), SigmaText(rotation_deg, "deg").c_str());
+  text::Say(absl::StrFormat("%s, component %u, is aligned: scale %.4f %s, rotation %s\n", text::Shown(map),
+                            aligned.component.value(), aligned.world_from_component.scale(),
+                            SigmaText(100.0 * aligned.scale_sigma, "%"), SigmaText(rotation_deg, "deg")));
   if (aligned.errors_m.empty()) return;
-  std::printf("  what is known is off by %.4f m (RMSE of %zu)\n", aligned.rmse_all_m, aligned.errors_m.size());
+  text::Say(
+      absl::StrFormat("  what is known is off by %.4f m (RMSE of %zu)\n", aligned.rmse_all_m, aligned.errors_m.size()));
 }
 
 }  // namespace cairn::cli
