@@ -27,9 +27,9 @@ struct LoadedMap {
 // FailedPrecondition if there is nothing in the map yet, or no longer, which `name` names.
 absl::Status RequireKeyframes(const std::string& name, const map::Snapshot& map);
 
-// The map for who looks at `few` of its keyframes and points: where it is ready to be queried, only what is looked at is
-// read. Else, and when `look` has met what is damaged there, the map as a whole, which takes less than all of it piece
-// by piece. `look` must only collect what is to be told: it may be called twice.
+// The map for who looks at `few` of its keyframes and points: where it is ready to be queried, only what is looked at
+// is read. Else, and when `look` has met what is damaged there, the map as a whole, which takes less than all of it
+// piece by piece. `look` must only collect what is to be told: it may be called twice.
 absl::Status LookInto(store::MapStore& file, bool few, const std::function<absl::Status(const map::Snapshot&)>& look);
 
 // Errors of the store as they are. What a user should be told goes to standard error, named by `verb`.
