@@ -77,7 +77,8 @@ absl::StatusOr<std::string> ReadAll(const std::string& path, std::uint64_t max_b
   struct stat info = {};
   if (fstat(file.get(), &info) != 0) return SystemError("reading", path);
   if (const std::string kind = KindOf(info.st_mode); !kind.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " ", kind, ", not a file"));
+    return absl::InvalidArgumentError(absl::StrCat(path, " ", kind, ", not a file",
+                                                   S_ISFIFO(info.st_mode) ? ": write what it gives to one first" : ""));
   }
   const auto too_large = [&](std::uint64_t size) {
     return absl::InvalidArgumentError(

@@ -28,6 +28,8 @@ TEST(MergeMaps, WhatOverlapsBecomesOneComponentInTheFirstOnesFrame) {
   EXPECT_EQ(map.keyframes().size(), 26u);
   EXPECT_EQ(map.LiveComponents().size(), 1u);
   EXPECT_EQ(map.components().at(ComponentId(2)).joined->joined_unix_ns, 7);
+  // In a file of its own, which begins with it, it was so from the first revision on.
+  EXPECT_EQ(AsOneChange(map, "merge").components[1].joined->revision, 1u);
   EXPECT_EQ(map.sessions().size(), 2u);
   EXPECT_EQ(map.cameras().size(), 1u) << "both are from the same camera";
   ASSERT_TRUE(map.CheckConsistency().ok()) << map.CheckConsistency();

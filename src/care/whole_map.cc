@@ -127,6 +127,10 @@ map::Delta AsOneChange(const map::Snapshot& map, const std::string& reason) {
   map::Delta delta = map::AllOf(map);
   delta.base = 0;
   delta.reason = reason;
+  // What was joined in another history is so from the first revision of this one.
+  for (map::Component& component : delta.components) {
+    if (component.joined) component.joined->revision = 1;
+  }
   return delta;
 }
 

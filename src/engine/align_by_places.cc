@@ -105,8 +105,9 @@ class KnownAligner {
   absl::Status ByPositions() {
     std::vector<Vector3d> world, map;
     for (const KnownPosition& position : known_.positions) {
-      CAIRN_ASSIGN_OR_RETURN(const Vector3d at, Find(position.of));
-      map.push_back(at);
+      const absl::StatusOr<Vector3d> at = Find(position.of);
+      if (!at.ok()) return Annotate(at.status(), absl::StrCat("known position ", map.size() + 1));
+      map.push_back(*at);
       world.push_back(position.world_m);
     }
     CAIRN_RETURN_IF_ERROR(CheckOverwrite());

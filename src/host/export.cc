@@ -38,6 +38,12 @@ ExportFrame ExportFrameOf(const map::Snapshot& map) {
 
 Sim3 OutFrom(const map::Snapshot& map, ComponentId component) { return map.WorldFrom(component).value_or(Sim3()); }
 
+// What stands at the head of the files.
+std::string Comment(const char* what, const map::Snapshot& map, const ExportFrame& frame) {
+  return absl::StrCat(what, " of map ", map.info().name, ", revision ", map.revision(),
+                      frame.world ? ", frame world, metres" : ", frame of the largest component, map units");
+}
+
 absl::Status WriteTrajectory(const map::Snapshot& map, const std::string& path) {
   const ExportFrame frame = ExportFrameOf(map);
   std::vector<io::StampedPose> poses;
@@ -46,11 +52,10 @@ absl::Status WriteTrajectory(const map::Snapshot& map, const std::string& path) 
     poses.push_back(
         {keyframe->time_ns, OutFrom(map, keyframe->component).TransformPose(keyframe->camera_from_map.Inverse())});
   });
-  if (poses.empty()) return absl::FailedPreconditionError("it has no keyframes");
+  if (poses.empty()) return absl::FailedPreconditionError("the map has no keyframes");
   std::ranges::stable_sort(poses, {}, &io::StampedPose::time_ns);
   io::TrajectoryWriteOptions options;
-  options.comment = absl::StrCat("keyframes of map ", map.info().name, ", revision ", map.revision(),
-                                 frame.world ? ", frame world, metres" : ", frame of the largest component, map units");
+  options.comment = Comment("keyframes", map, frame);
   return io::WriteTumTrajectory(path, poses, options);
 }
 
@@ -62,8 +67,8 @@ absl::Status WritePoints(const map::Snapshot& map, const std::string& path) {
     if (!frame.components.contains(component)) return;
     points.push_back({OutFrom(map, component) * point->position});
   });
-  if (points.empty()) return absl::FailedPreconditionError("it has no points");
-  return io::WritePly(path, points);
+  if (points.empty()) return absl::FailedPreconditionError("the map has no points");
+  return io::WritePly(path, points, /*overwrite=*/false, Comment("points", map, frame));
 }
 
 absl::Status SendFile(std::ifstream* file, const api::ExportSink& sink) {
@@ -81,6 +86,7 @@ absl::Status ExportMap(const std::string& uri, api::ExportContent content, const
                          store::OpenMapStore(uri, store::OpenMode::kRead));
   if (content == api::ExportContent::kMap) return store->CopyTo(path);
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, store->LoadSnapshot());
+  if (map->keyframes().empty()) return absl::FailedPreconditionError(absl::StrCat(uri, " has no keyframes"));
   return content == api::ExportContent::kTrajectory ? WriteTrajectory(*map, path) : WritePoints(*map, path);
 }
 

@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <numbers>
 #include <optional>
@@ -77,14 +78,31 @@ CoverageResult Judge(const map::Snapshot& map, const map::Keyframe& keyframe, co
   return right ? CoverageResult::kFound : CoverageResult::kWrongPlace;
 }
 
-void FillCells(const CoverageOptions& options, Coverage* coverage) {
-  const Vector3d up = MeanUp(coverage->tests);
-  // The largest extent on the ground runs to the right.
+std::string AxisName(const Vector3d& direction) {
+  Eigen::Index axis = 0;
+  direction.cwiseAbs().maxCoeff(&axis);
+  return absl::StrCat(direction[axis] < 0.0 ? "-" : "", absl::string_view("xyz").substr(axis, 1));
+}
+
+// The world's axes, if upwards is nearly one of them.
+bool TakeWorldAxes(const Vector3d& up, Coverage* coverage) {
+  constexpr double kNear = 0.94;  // 20 degrees: cameras look down a little more often than up
+  Eigen::Index axis = 0;
+  if (up.cwiseAbs().maxCoeff(&axis) < kNear) return false;
+  coverage->right = Vector3d::Unit(axis == 0 ? 1 : 0);
+  coverage->ahead = Vector3d(std::copysign(1.0, up[axis]) * Vector3d::Unit(axis)).cross(coverage->right);
+  coverage->right_name = AxisName(coverage->right);
+  coverage->ahead_name = AxisName(coverage->ahead);
+  return true;
+}
+
+// The largest extent on the ground runs to the right.
+void TakeLargestExtent(const std::vector<CoverageTest>& tests, const Vector3d& up, Coverage* coverage) {
   Vector3d mean = Vector3d::Zero();
-  for (const CoverageTest& test : coverage->tests) mean += test.placed_from_camera.translation();
-  mean /= std::max<double>(1.0, static_cast<double>(coverage->tests.size()));
+  for (const CoverageTest& test : tests) mean += test.placed_from_camera.translation();
+  mean /= std::max<double>(1.0, static_cast<double>(tests.size()));
   Matrix3d spread = Matrix3d::Zero();
-  for (const CoverageTest& test : coverage->tests) {
+  for (const CoverageTest& test : tests) {
     Vector3d offset = test.placed_from_camera.translation() - mean;
     offset -= up * up.dot(offset);
     spread += offset * offset.transpose();
@@ -100,7 +118,31 @@ void FillCells(const CoverageOptions& options, Coverage* coverage) {
   if (right[largest] < 0.0) right = -right;
   coverage->right = right;
   coverage->ahead = up.cross(right);
+}
 
+// By the components that share the world's frame, if there are any.
+void ChooseAxes(const map::Snapshot& map, Coverage* coverage) {
+  std::vector<CoverageTest> aligned;
+  std::ranges::copy_if(coverage->tests, std::back_inserter(aligned),
+                       [&](const CoverageTest& test) { return map.WorldFrom(test.component).has_value(); });
+  const std::vector<CoverageTest>& tests = aligned.empty() ? coverage->tests : aligned;
+  const Vector3d up = MeanUp(tests);
+  if (aligned.empty() || !TakeWorldAxes(up, coverage)) TakeLargestExtent(tests, up, coverage);
+}
+
+void WarnOfCells(const map::Snapshot& map, const CoverageOptions& options, Coverage* coverage) {
+  for (const CoverageCell& cell : coverage->cells) {
+    if (cell.tests < options.min_tests || cell.share() >= options.min_share) continue;
+    coverage->warnings.push_back(absl::StrFormat(
+        "around %.2f %.2f %.2f%s, component %u: %d of %d views are found without their own keyframe: map more there",
+        cell.center.x(), cell.center.y(), cell.center.z(), map.WorldFrom(cell.component) ? " m" : "",
+        cell.component.value(), cell.found, cell.tests));
+  }
+}
+
+void FillCells(const map::Snapshot& map, const CoverageOptions& options, Coverage* coverage) {
+  ChooseAxes(map, coverage);
+  const Vector3d up = coverage->right.cross(coverage->ahead);
   std::map<std::tuple<ComponentId, int, int>, CoverageCell> cells;
   for (const CoverageTest& test : coverage->tests) {
     CoverageCell at = CellOf(*coverage, test.placed_from_camera.translation());
@@ -108,20 +150,20 @@ void FillCells(const CoverageOptions& options, Coverage* coverage) {
     CoverageCell& cell = cells.try_emplace({test.component, at.y, at.x}, at).first->second;
     ++cell.tests;
     cell.found += test.result == CoverageResult::kFound ? 1 : 0;
+    cell.center += up * up.dot(test.placed_from_camera.translation());
   }
-  for (const auto& [key, cell] : cells) coverage->cells.push_back(cell);
+  for (auto& [key, cell] : cells) {
+    cell.center /= cell.tests;
+    cell.center += coverage->cell_size * ((cell.x + 0.5) * coverage->right + (cell.y + 0.5) * coverage->ahead);
+    coverage->cells.push_back(cell);
+  }
   int found = 0, wrong = 0;
   for (const CoverageTest& test : coverage->tests) {
     found += test.result == CoverageResult::kFound ? 1 : 0;
     wrong += test.result == CoverageResult::kWrongPlace ? 1 : 0;
   }
   if (!coverage->tests.empty()) coverage->share = 1.0 * found / static_cast<double>(coverage->tests.size());
-  for (const CoverageCell& cell : coverage->cells) {
-    if (cell.tests < options.min_tests || cell.share() >= options.min_share) continue;
-    coverage->warnings.push_back(absl::StrFormat(
-        "cell %d, %d of component %u: %d of %d views are found without their own keyframe: map more there", cell.x,
-        cell.y, cell.component.value(), cell.found, cell.tests));
-  }
+  WarnOfCells(map, options, coverage);
   if (wrong > 0) {
     coverage->warnings.push_back(absl::StrFormat(
         "%d views are found at a wrong place without their own keyframe: parts of the map look alike", wrong));
@@ -199,7 +241,7 @@ absl::StatusOr<Coverage> MeasureCoverage(const tracking::MapView& view, const Co
   coverage.not_tested = static_cast<int>(all.size() - coverage.tests.size());
   coverage.cell_size = options.cell_size > 0.0 ? options.cell_size : Median(depths) / kCellsPerDepth;
   if (!(coverage.cell_size > 0.0)) coverage.cell_size = 1.0;
-  FillCells(options, &coverage);
+  FillCells(map, options, &coverage);
   return coverage;
 }
 

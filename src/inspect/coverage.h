@@ -52,6 +52,7 @@ struct CoverageCell {
   int x = 0, y = 0;  // [x, x + 1) times cell_size along the ground's axes
   int tests = 0;
   int found = 0;
+  Vector3d center = Vector3d::Zero();  // in the frame of Placed(), as high as its tests on average
   double share() const { return tests > 0 ? 1.0 * found / tests : 0.0; }
 };
 
@@ -59,8 +60,10 @@ struct Coverage {
   std::vector<CoverageTest> tests;  // ascending by keyframe
   std::vector<CoverageCell> cells;  // ascending by component, y, x
   double cell_size = 0.0;
-  // Directions of the ground plane: two of the axes in which the cameras spread most, the third is up.
+  // Directions of the ground plane. Where components are aligned and upwards is about one of the world's axes, those
+  // are the other two, and named so; else two of the axes in which the cameras spread most.
   Vector3d right = Vector3d::UnitX(), ahead = Vector3d::UnitY();
+  std::string right_name, ahead_name;  // "x", "-z"; empty if it is none of the world's axes
   int not_tested = 0;  // roots of spanning trees, which cannot be taken out, and what max_tests leaves out
   double share = 0.0;  // of the tests: found
   std::vector<std::string> warnings;

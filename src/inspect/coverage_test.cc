@@ -2,6 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_format.h"
+#include "map/edit.h"
 #include "tracking/testing_world.h"
 
 namespace cairn::inspect {
@@ -58,9 +64,45 @@ TEST_F(CoverageOfARoom, CellsAreWarnedOf) {
   const CoverageCell aside = CellOf(*coverage, Vector3d(1.01, 0.0, -1.5));
   bool told = false;
   for (const std::string& warning : coverage->warnings) {
-    told |= warning.find(absl::StrCat("cell ", aside.x, ", ", aside.y, " ")) != std::string::npos;
+    for (const CoverageCell& cell : coverage->cells) {
+      if (cell.x != aside.x || cell.y != aside.y) continue;
+      told |= absl::StrContains(
+          warning, absl::StrFormat("around %.2f %.2f %.2f", cell.center.x(), cell.center.y(), cell.center.z()));
+      // It is not aligned: the largest extent, and a cell's centre is in it.
+      EXPECT_TRUE(coverage->right_name.empty());
+      const CoverageCell at = CellOf(*coverage, cell.center);
+      EXPECT_EQ(std::pair(at.x, at.y), std::pair(cell.x, cell.y));
+    }
   }
   EXPECT_TRUE(told);
+}
+
+TEST_F(CoverageOfARoom, OfAnAlignedMapIsInTheWorld) {
+  map::Edit edit(view_->snapshot());
+  // Cameras look along the room with y down: turned so that the world's z points upwards, and to the side by 30
+  // degrees.
+  const Quaterniond upright(Eigen::AngleAxisd(-M_PI / 2, Vector3d::UnitX()));
+  const Quaterniond aside(Eigen::AngleAxisd(M_PI / 6, Vector3d::UnitZ()));
+  map::Component component = edit.component(view_->map().LiveComponents()[0]);
+  component.world_from_component = Sim3(aside * upright, Vector3d(100, -50, 3), 2.0);
+  edit.PutComponent(component);
+  const auto aligned = view_->After(edit.Finish("align"));
+  ASSERT_TRUE(aligned.ok()) << aligned.status();
+  const auto coverage = MeasureCoverage(**aligned);
+  ASSERT_TRUE(coverage.ok()) << coverage.status();
+  EXPECT_EQ(coverage->right_name, "x");
+  EXPECT_EQ(coverage->ahead_name, "y");
+  EXPECT_EQ(coverage->right, Vector3d::UnitX());
+  EXPECT_EQ(coverage->ahead, Vector3d::UnitY());
+  for (const CoverageTest& test : coverage->tests) {
+    const CoverageCell at = CellOf(*coverage, test.placed_from_camera.translation());
+    const auto cell = std::ranges::find_if(coverage->cells, [&](const auto& c) { return c.x == at.x && c.y == at.y; });
+    ASSERT_NE(cell, coverage->cells.end());
+    const Vector3d off = cell->center - test.placed_from_camera.translation();
+    EXPECT_LE(std::abs(off.x()), 0.5 * coverage->cell_size);
+    EXPECT_LE(std::abs(off.y()), 0.5 * coverage->cell_size);
+    EXPECT_LT(std::abs(off.z()), 1.0);
+  }
 }
 
 TEST_F(CoverageOfARoom, ASampleAndAnEndOnRequest) {

@@ -112,6 +112,10 @@ void Advise(const map::Snapshot& map, Explanation* explanation) {
     case RelocalizationStage::kFeatures:
       break;
     case RelocalizationStage::kCandidates:
+      if (map.keyframes().empty()) {
+        advice->push_back("there is nothing in the map: cairn run --extend maps into it");
+        break;
+      }
       advice->push_back("nothing in the map looks like it: it shows another place, or the map has few keyframes there");
       break;
     case RelocalizationStage::kMatches:

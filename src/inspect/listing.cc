@@ -30,33 +30,61 @@ std::string JoinIds(const std::set<Id<Tag>>& ids) {
   return absl::StrJoin(ids, ",", [](std::string* out, Id<Tag> id) { absl::StrAppend(out, id.value()); });
 }
 
-std::vector<Row> KeyframeRows(const map::Snapshot& map) {
+Row RowOf(const map::Snapshot& map, const map::Keyframe& keyframe) {
+  const Vector3d center = Placed(map, keyframe.component, keyframe.CenterInMap());
+  const auto observations = Measure(map, keyframe);
+  return {IdCell(keyframe.id),
+          IdCell(keyframe.session),
+          IdCell(keyframe.component),
+          IdCell(keyframe.camera),
+          ToSeconds(keyframe.time_ns),
+          center.x(),
+          center.y(),
+          center.z(),
+          Whole(keyframe.points.size()),
+          std::int64_t{NumPoints(keyframe)},
+          std::int64_t{NumCovisible(keyframe)},
+          Known(ErrorRmsPx(observations)),
+          observations.empty() ? Cell() : Cell(PlacedScale(map, keyframe.component) * MedianDepth(observations))};
+}
+
+Row RowOf(const map::Snapshot& map, const map::MapPoint& point) {
+  const ComponentId component = ComponentOf(map, point);
+  const Vector3d position = Placed(map, component, point.position);
+  const map::Keyframe& reference = map.keyframe(point.reference.keyframe);
+  const double depth = (point.position - reference.CenterInMap()).norm() * PlacedScale(map, component);
+  const double found = point.times_visible > 0 ? 1.0 * point.times_found / point.times_visible : 0.0;
+  return {IdCell(point.id),
+          IdCell(component),
+          IdCell(reference.id),
+          position.x(),
+          position.y(),
+          position.z(),
+          Whole(point.observations.size()),
+          Known(ErrorRmsPx(map, point)),
+          depth,
+          ParallaxDeg(map, point),
+          found};
+}
+
+template <class IdType, class Entity>
+std::vector<Row> AllRows(const map::Snapshot& map, const map::Table<IdType, Entity>& table) {
   std::vector<Row> rows;
-  map.keyframes().ForEach([&](const auto& keyframe) {
-    const Vector3d center = Placed(map, keyframe->component, keyframe->CenterInMap());
-    const auto observations = Measure(map, *keyframe);
-    rows.push_back(
-        {IdCell(keyframe->id), IdCell(keyframe->session), IdCell(keyframe->component), IdCell(keyframe->camera),
-         ToSeconds(keyframe->time_ns), center.x(), center.y(), center.z(), Whole(keyframe->points.size()),
-         std::int64_t{NumPoints(*keyframe)}, std::int64_t{NumCovisible(*keyframe)}, Known(ErrorRmsPx(observations)),
-         observations.empty() ? Cell() : Cell(PlacedScale(map, keyframe->component) * MedianDepth(observations))});
-  });
+  table.ForEach([&](const auto& entity) { rows.push_back(RowOf(map, *entity)); });
   return rows;
 }
 
-std::vector<Row> PointRows(const map::Snapshot& map) {
-  std::vector<Row> rows;
-  map.points().ForEach([&](const auto& point) {
-    const ComponentId component = ComponentOf(map, *point);
-    const Vector3d position = Placed(map, component, point->position);
-    const map::Keyframe& reference = map.keyframe(point->reference.keyframe);
-    const double depth = (point->position - reference.CenterInMap()).norm() * PlacedScale(map, component);
-    const double found = point->times_visible > 0 ? 1.0 * point->times_found / point->times_visible : 0.0;
-    rows.push_back({IdCell(point->id), IdCell(component), IdCell(reference.id), position.x(), position.y(),
-                    position.z(), Whole(point->observations.size()), Known(ErrorRmsPx(map, *point)), depth,
-                    ParallaxDeg(map, *point), found});
-  });
-  return rows;
+// Rows that are asked for by their numbers, the only ones of a large map that are looked at.
+template <class IdType, class Entity>
+void FewRows(const map::Snapshot& map, const map::Table<IdType, Entity>& table, IdType end, const ListingQuery& query,
+             Listing* listing) {
+  listing->total = table.size();
+  const auto add = [&](std::uint32_t id) {
+    if (const Entity* entity = table.Find(IdType(id)); entity != nullptr) listing->rows.push_back(RowOf(map, *entity));
+  };
+  for (std::uint32_t i = 1; i < end.value() && listing->rows.size() < query.limit; ++i) {
+    add(query.descending ? end.value() - i : i);
+  }
 }
 
 std::vector<Row> SessionRows(const map::Snapshot& map) {
@@ -112,9 +140,9 @@ std::vector<Row> CameraRows(const map::Snapshot& map) {
 std::vector<Row> RowsOf(const map::Snapshot& map, Kind kind) {
   switch (kind) {
     case Kind::kKeyframes:
-      return KeyframeRows(map);
+      return AllRows(map, map.keyframes());
     case Kind::kPoints:
-      return PointRows(map);
+      return AllRows(map, map.points());
     case Kind::kSessions:
       return SessionRows(map);
     case Kind::kComponents:
@@ -282,12 +310,42 @@ absl::Status Arrange(const ListingQuery& query, Listing* listing) {
   return absl::OkStatus();
 }
 
+bool LooksAtFew(Kind kind, const ListingQuery& query) {
+  return (kind == Kind::kKeyframes || kind == Kind::kPoints) && query.limit > 0 && query.filters.empty() &&
+         query.sort == "id";
+}
+
 absl::StatusOr<Listing> List(const map::Snapshot& map, Kind kind, const ListingQuery& query) {
   Listing listing{ColumnsOf(kind), {}, 0};
   CAIRN_RETURN_IF_ERROR(Arrange(query, &listing));  // what is wrong with the query is told before the rows are made
+  if (LooksAtFew(kind, query)) {
+    if (kind == Kind::kKeyframes) FewRows(map, map.keyframes(), map.next_keyframe(), query, &listing);
+    if (kind == Kind::kPoints) FewRows(map, map.points(), map.next_point(), query, &listing);
+    return listing;
+  }
   listing.rows = RowsOf(map, kind);
   CAIRN_RETURN_IF_ERROR(Arrange(query, &listing));
   return listing;
+}
+
+std::optional<Listing> ListOne(const map::Snapshot& map, Kind kind, std::uint32_t id) {
+  Listing listing{ColumnsOf(kind), {}, 1};
+  if (kind == Kind::kKeyframes) {
+    const map::Keyframe* keyframe = map.keyframes().Find(KeyframeId(id));
+    if (keyframe == nullptr) return std::nullopt;
+    listing.rows.push_back(RowOf(map, *keyframe));
+    return listing;
+  }
+  if (kind == Kind::kPoints) {
+    const map::MapPoint* point = map.points().Find(PointId(id));
+    if (point == nullptr) return std::nullopt;
+    listing.rows.push_back(RowOf(map, *point));
+    return listing;
+  }
+  for (Row& row : RowsOf(map, kind)) {
+    if (row[0].whole == static_cast<std::int64_t>(id)) listing.rows.push_back(std::move(row));
+  }
+  return listing.rows.empty() ? std::nullopt : std::optional(std::move(listing));
 }
 
 std::string CellText(const Column& column, const Cell& cell) {

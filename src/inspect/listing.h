@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -63,8 +64,15 @@ std::vector<Column> ColumnsOf(Kind kind);
 // sense. Rows that are equal in the column they are sorted by keep their order; what is not known comes last.
 absl::Status Arrange(const ListingQuery& query, Listing* listing);
 
+// Whether List() looks at no more rows than it gives: of the first or last keyframes or points by their ids, without
+// filters.
+bool LooksAtFew(Kind kind, const ListingQuery& query);
+
 // Everything of a kind, arranged; in the order of ids before.
 absl::StatusOr<Listing> List(const map::Snapshot& map, Kind kind, const ListingQuery& query = {});
+// The one row of this id; none if there is none. Of a keyframe or a point no others are looked at than those it refers
+// to.
+std::optional<Listing> ListOne(const map::Snapshot& map, Kind kind, std::uint32_t id);
 
 // A cell as text, "" if not known.
 std::string CellText(const Column& column, const Cell& cell);

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "inspect/measures.h"
 #include "map/testing_map.h"
@@ -88,6 +89,92 @@ TEST(List, SortsAndLimits) {
   world.snapshot->points().ForEach(
       [&](const auto& point) { largest = std::max(largest, *ErrorRmsPx(*world.snapshot, *point)); });
   EXPECT_EQ(errors[0], largest);
+}
+
+// A map of which only some keyframes and points can be looked at: the others are there, and say so.
+template <class T>
+class SomeOf final : public map::TableSource<T> {
+ public:
+  SomeOf(std::vector<std::shared_ptr<const T>> all, std::uint32_t size, std::set<std::uint32_t>* looked_at)
+      : all_(std::move(all)), size_(size), looked_at_(looked_at) {}
+  std::size_t size() const override { return size_; }
+  std::uint32_t end() const override { return static_cast<std::uint32_t>(all_.size()); }
+  const void* content() const override { return this; }
+  const std::shared_ptr<const T>& Find(std::uint32_t id) const override {
+    static const std::shared_ptr<const T> none;
+    if (id >= all_.size() || !all_[id]) return none;
+    looked_at_->insert(id);
+    return all_[id];
+  }
+
+ private:
+  std::vector<std::shared_ptr<const T>> all_;
+  std::uint32_t size_;
+  std::set<std::uint32_t>* looked_at_;
+};
+
+class Watched final : public map::EntitySource {
+ public:
+  explicit Watched(const map::Snapshot& map) {
+    std::vector<std::shared_ptr<const map::Keyframe>> keyframes(map.next_keyframe().value());
+    map.keyframes().ForEach([&](const auto& keyframe) { keyframes[keyframe->id.value()] = keyframe; });
+    std::vector<std::shared_ptr<const map::MapPoint>> points(map.next_point().value());
+    map.points().ForEach([&](const auto& point) { points[point->id.value()] = point; });
+    keyframes_ = std::make_shared<SomeOf<map::Keyframe>>(keyframes, static_cast<std::uint32_t>(map.keyframes().size()),
+                                                         &keyframes_looked_at);
+    points_ = std::make_shared<SomeOf<map::MapPoint>>(points, static_cast<std::uint32_t>(map.points().size()),
+                                                      &points_looked_at);
+  }
+  std::shared_ptr<const map::TableSource<map::Keyframe>> keyframes() const override { return keyframes_; }
+  std::shared_ptr<const map::TableSource<map::MapPoint>> points() const override { return points_; }
+  std::size_t bytes() const override { return 0; }
+  std::shared_ptr<const map::EntitySource> Anew() const override { return nullptr; }
+
+  std::set<std::uint32_t> keyframes_looked_at, points_looked_at;
+
+ private:
+  std::shared_ptr<const map::TableSource<map::Keyframe>> keyframes_;
+  std::shared_ptr<const map::TableSource<map::MapPoint>> points_;
+};
+
+TEST(List, OfFewNoOthersAreLookedAt) {
+  const auto world = MakeMap(4, 8, 300, 0.5);
+  const map::Snapshot& whole = *world.snapshot;
+  const auto source = std::make_shared<Watched>(whole);
+  map::SnapshotParts parts;
+  parts.revision = whole.revision();
+  parts.info = whole.info();
+  for (const auto& [id, camera] : whole.cameras()) parts.cameras.push_back(camera);
+  for (const auto& [id, session] : whole.sessions()) parts.sessions.push_back(session);
+  for (const auto& [id, component] : whole.components()) parts.components.push_back(component);
+  parts.entities = source;
+  parts.next_keyframe = whole.next_keyframe();
+  parts.next_point = whole.next_point();
+  const auto map = map::Snapshot::Of(std::move(parts));
+  for (const bool descending : {false, true}) {
+    const ListingQuery query{"id", descending, {}, 3};
+    source->keyframes_looked_at.clear();
+    const auto listing = List(*map, Kind::kKeyframes, query);
+    ASSERT_TRUE(listing.ok()) << listing.status();
+    EXPECT_EQ(listing->total, 8u);
+    EXPECT_THAT(Values(*listing, "id"), descending ? ElementsAre(8, 7, 6) : ElementsAre(1, 2, 3));
+    EXPECT_EQ(source->keyframes_looked_at.size(), 3u);
+    for (const Kind kind : {Kind::kKeyframes, Kind::kPoints}) {
+      const auto few = List(*map, kind, query), same = List(whole, kind, {"i", descending, {}, 3});
+      ASSERT_TRUE(few.ok() && same.ok());
+      for (const Column& column : few->columns) EXPECT_EQ(Values(*few, column.name), Values(*same, column.name));
+    }
+  }
+  source->points_looked_at.clear();
+  source->keyframes_looked_at.clear();
+  const auto one = ListOne(*map, Kind::kKeyframes, 5);
+  ASSERT_TRUE(one);
+  EXPECT_THAT(Values(*one, "id"), ElementsAre(5));
+  EXPECT_THAT(source->keyframes_looked_at, ElementsAre(5));
+  EXPECT_FALSE(ListOne(*map, Kind::kKeyframes, 9));
+  EXPECT_FALSE(ListOne(*map, Kind::kPoints, 0));
+  EXPECT_THAT(Values(*ListOne(whole, Kind::kCameras, 1), "id"), ElementsAre(1));
+  EXPECT_FALSE(ListOne(whole, Kind::kSessions, 7));
 }
 
 TEST(List, FiltersMustAllHold) {

@@ -4,14 +4,18 @@
 #include <cstring>
 #include <limits>
 
+#include "absl/strings/str_replace.h"
 #include "io/atomic_file.h"
 
 namespace cairn::io {
 
-absl::Status WritePly(const std::string& path, const std::vector<ColoredPoint>& points, bool overwrite) {
+absl::Status WritePly(const std::string& path, const std::vector<ColoredPoint>& points, bool overwrite,
+                      const std::string& comment) {
   static_assert(std::endian::native == std::endian::little, "the format is written in the machine's order");
   std::string contents =
-      absl::StrCat("ply\nformat binary_little_endian 1.0\nelement vertex ", points.size(),
+      absl::StrCat("ply\nformat binary_little_endian 1.0\n", comment.empty() ? "" : "comment ",
+                   absl::StrReplaceAll(comment, {{"\n", " "}, {"\r", " "}}), comment.empty() ? "" : "\n",
+                   "element vertex ", points.size(),
                    "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\n"
                    "property uchar blue\nend_header\n");
   contents.reserve(contents.size() + 15 * points.size());

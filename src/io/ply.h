@@ -18,7 +18,8 @@ struct ColoredPoint {
 };
 
 // Binary little endian, positions as float. InvalidArgument for a position that is not finite; AlreadyExists if there
-// is a file and not `overwrite`.
-absl::Status WritePly(const std::string& path, const std::vector<ColoredPoint>& points, bool overwrite = false);
+// is a file and not `overwrite`. `comment`: a line in the header; may be empty.
+absl::Status WritePly(const std::string& path, const std::vector<ColoredPoint>& points, bool overwrite = false,
+                      const std::string& comment = "");
 
 }  // namespace cairn::io

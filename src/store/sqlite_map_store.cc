@@ -249,7 +249,11 @@ absl::Status SqliteMapStore::CheckUnchanged() const {
 absl::Status SqliteMapStore::Commit(const map::Delta& delta) {
   CAIRN_RETURN_IF_ERROR(Annotated(RequireWritable()));
   CAIRN_RETURN_IF_ERROR(Annotated(CheckInPlace()));
-  return Annotated(writer_->Commit(delta, options_.record_wall_clock ? NowUnixNs() : 0));
+  absl::Status written = Annotated(writer_->Commit(delta, options_.record_wall_clock ? NowUnixNs() : 0));
+  if (FaultOf(written) == Fault::kFull && delta.base > 0) {  // not of a map that it would have made
+    return MakeFault(Fault::kFull, absl::StrCat(written.message(), "; the map is at its last revision"));
+  }
+  return written;
 }
 
 absl::StatusOr<std::shared_ptr<const map::Snapshot>> SqliteMapStore::LoadSnapshot(const LoadOptions& options) {

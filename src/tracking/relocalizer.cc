@@ -103,8 +103,9 @@ class PlaceSearch {
     const std::vector<CandidateGroup> groups = FormGroups(query_.map, candidates, options_.group_size);
     if (groups.empty()) {
       miss_.stage = RelocalizationStage::kCandidates;
-      miss_.reason = area_.priors.empty() ? "no keyframe of the map shares a word with the image"
-                                          : "no keyframe near the prior shares a word with the image";
+      miss_.reason = query_.map.keyframes().empty() ? "the map has no keyframes"
+                     : area_.priors.empty()         ? "no keyframe of the map shares a word with the image"
+                                                    : "no keyframe near the prior shares a word with the image";
       return std::move(miss_);
     }
     CAIRN_RETURN_IF_ERROR(Find(SelectGroups(groups, options_.max_groups, options_.min_group_score * groups[0].score)));

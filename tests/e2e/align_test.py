@@ -231,6 +231,24 @@ class Align(unittest.TestCase):
             survey.write_text('\n'.join([*lines[:2], text]) + '\n')
             self.assertIn(cairn('align', wrong, '--points', survey).code, (1, 2), text)
 
+    def test_mistakes_of_the_call_are_usage_errors(self):
+        for options in (['--distance', 'x'], ['--distance', 'point 1 point 1 2'], ['--distance', 'point 1 point 2 0'],
+                        ['--distance', 'point 1 point 2 -1'], ['--distance', 'point 1 point 2 nan'], ['--gravity', '0 0 0'],
+                        ['--gravity', '0 nan 1'], ['--gravity', 'down'], ['--geo', '1 2'], ['--geo', '100 0 0'],
+                        ['--points', 'x', '--gravity', 'cameras'], ['--groundtruth', self.camera, '--max-dt', -1]):
+            answer = cairn('align', self.copy(), *options)
+            self.assertEqual((answer.code, answer.json['fault']), (2, 'usage'), f'{options}: {answer.out}')
+        self.assertIn('--gravity', cairn('align', self.copy()).json['error'])
+        survey = self.folder / 'mistakes.txt'
+        good = [f'keyframe {k} {k} 0 0' for k in (1, 2)]
+        for line, said in (('point 1 nan 0 0', 'mistakes.txt:4: three numbers X Y Z are needed, not "nan 0 0"'),
+                           ('point 999999 0 0 0', 'known position 3: ')):
+            survey.write_text('\n'.join(['# a survey', *good, line]) + '\n')
+            answer = cairn('align', self.copy(), '--points', survey)
+            self.assertEqual(answer.code, 1, answer.out)
+            self.assertIn(said, answer.json['error'])
+        self.assertIn('point 999999', answer.json['error'])
+
     def test_a_distance_and_gravity_align_a_map(self):
         points, cameras = self.surveyed()
         apart = math.dist(at(points[0]), at(points[1]))

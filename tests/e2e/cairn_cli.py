@@ -2,7 +2,9 @@
 import json
 import os
 import resource
+import struct
 import subprocess
+import zlib
 
 BINARY = os.environ['CAIRN_BINARY']
 
@@ -25,6 +27,14 @@ def cairn(*arguments, json_output=True, most_bytes=None):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
     return Answer(subprocess.run(command, capture_output=True, text=True, timeout=900, preexec_fn=limit if most_bytes else None))
+
+
+def black_png(width, height):
+    def chunk(kind, data):
+        return struct.pack('>I', len(data)) + kind + data + struct.pack('>I', zlib.crc32(kind + data))
+    rows = zlib.compress(bytes(height * (width + 1)))
+    return (b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', struct.pack('>IIBBBBB', width, height, 8, 0, 0, 0, 0)) +
+            chunk(b'IDAT', rows) + chunk(b'IEND', b''))
 
 
 def must(*arguments):

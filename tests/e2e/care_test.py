@@ -173,6 +173,7 @@ class Care(unittest.TestCase):
         info = must('info', out)
         self.assertEqual(info['keyframes'], must('info', self.alone)['keyframes'] + must('info', self.second)['keyframes'])
         self.assertEqual(len(info['cameras']), 1)
+        self.assertEqual([part['join']['revision'] for part in info['components'] if part['joined_into']], [info['revision']])
         # The first one's alignment is that of all: the second visit's images are where its ground truth says.
         poses = self.work / 'poses.txt'
         must('localize', self.visits[1], '--map', out, '--independent', '--stride', 4, '--out', poses)
@@ -216,6 +217,10 @@ class Care(unittest.TestCase):
             self.assertGreater(part['keyframes'], 0)
             self.assert_good(part['file'])
         self.assertEqual(cairn('split', self.map, '-o', self.work / 'x').code, 2)
+        swapped = cairn('split', self.map, '--box', 1, '-1000', '-1000', '-1', 1000, 1000, '-o', self.work / 'x')
+        self.assertEqual(swapped.code, 2)
+        self.assertIn('X0 is 1 and X1 -1', swapped.json['error'])
+        self.assertFalse((self.work / 'x').exists())
 
     # render
 
@@ -228,7 +233,7 @@ class Care(unittest.TestCase):
                     self.assertEqual(picture['unit'], 'm')
                     self.assertGreater(out.stat().st_size, 20000)
         self.assertEqual(cairn('render', self.map, '-o', out).code, 1, 'it is there')
-        self.assertEqual(cairn('render', self.map, '-o', self.work / 'x.jpg').code, 1)
+        self.assertEqual(cairn('render', self.map, '-o', self.work / 'x.jpg').code, 2)
         self.assertEqual(cairn('render', self.map, '-o', self.work / 'x.png', '--view', 'top').code, 2)
         plan = cairn('info', self.map, '--plan', json_output=False).out
         self.assertTrue(any(0x2801 <= ord(letter) <= 0x28ff for letter in plan))
@@ -273,8 +278,13 @@ class Care(unittest.TestCase):
             self.assertEqual(answer.code, 1, f'{call}: {answer.out}{answer.err}')
             self.assertTrue(answer.json['error'])
             self.assertEqual([path.name for path in self.work.glob('out.cairn*')], [], call)
-            self.assertEqual(list((self.work / 'parts').glob('*')), [], call)
+            self.assertFalse((self.work / 'parts').exists(), call)
+            self.assertNotIn('last revision', answer.json['error'], call)
             self.assertEqual(self.map.read_bytes(), before, call)
+        deep = self.work / 'a' / 'b'
+        answer = cairn('export', self.map, deep, '--format', 'colmap', most_bytes=20_000)
+        self.assertEqual(answer.code, 1, answer.out)
+        self.assertFalse(deep.parent.exists())
         # What was to be replaced is what it was.
         shutil.copy(self.alone, out)
         digest = must('info', out, '--digest')['digest']

@@ -14,7 +14,7 @@ import termios
 import time
 import unittest
 
-from cairn_cli import BINARY, cairn, must
+from cairn_cli import BINARY, black_png, cairn, must
 
 
 def limited(megabytes):
@@ -144,6 +144,15 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(plot.read_bytes(), before, arguments)
         answer = cairn('run', self.office, '--map', self.path('new.cairn'), '--trajectory', self.path('new.cairn-wal'))
         self.assertIn('belongs to a map', answer.json['error'])
+        # A pipe has no name of its own; what is wrong with it is told, not what is not.
+        reader, writer = os.pipe()
+        os.write(writer, b'model: pinhole')
+        os.close(writer)
+        done = subprocess.run([BINARY, 'run', self.office, '--map', self.path('piped.cairn'), '--camera', f'/dev/fd/{reader}'],
+                              capture_output=True, text=True, timeout=60, pass_fds=[reader])
+        os.close(reader)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn(f'/dev/fd/{reader} is a pipe, not a file', done.stderr)
         image = sorted((self.office / 'mav0' / 'cam0' / 'data').glob('*.png'))[0]
         hard = self.path('hard.txt')
         os.link(image, hard)
@@ -331,6 +340,34 @@ class CommandLine(unittest.TestCase):
         answer = cairn('align', self.map, '--groundtruth', wrong)
         self.assertEqual(answer.code, 1, answer.out)
         self.assertNotRegex(answer.json['error'], r'\.\.|\?\.')
+
+    def test_lines_fit_a_terminal_and_stay_whole_in_a_pipe(self):
+        other = self.path('damaged.cairn')
+        shutil.copy(self.map, other)
+        import sqlite3
+        with sqlite3.connect(other) as database:
+            database.execute('UPDATE keyframes SET time_ns = time_ns + 1')
+        database.close()
+        self.path('black.png').write_bytes(black_png(640, 480))
+        for arguments in (['verify', '--deep', self.map.name], ['verify', other.name],
+                          ['prune', self.map.name, '--budget-mb', 0.1],
+                          ['align', self.map.name], ['localize', 'black.png', '--map', self.map.name]):
+            piped = subprocess.run([BINARY, *map(str, arguments)], capture_output=True, text=True, cwd=self.folder, timeout=60)
+            leader, follower = pty.openpty()
+            process = subprocess.Popen([BINARY, *map(str, arguments)], stdout=follower, stderr=follower, cwd=self.folder)
+            os.close(follower)
+            drawn = b''
+            try:
+                while part := os.read(leader, 65536):
+                    drawn += part
+            except OSError:  # the other end is closed
+                pass
+            process.wait(timeout=60)
+            os.close(leader)
+            lines = drawn.decode().splitlines()
+            self.assertLessEqual(max(map(len, lines)), 80, lines)
+            self.assertEqual(' '.join(drawn.decode().split()), ' '.join((piped.stdout + piped.stderr).split()))
+            self.assertGreater(max(map(len, (piped.stdout + piped.stderr).splitlines())), 80, arguments)
 
     def test_the_progress_never_wraps(self):
         for columns in (20, 30, 80, 100, 160):

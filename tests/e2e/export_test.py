@@ -86,6 +86,10 @@ class Export(unittest.TestCase):
             report = must('export', self.map, self.path(f'model_{name}'), '--component', 1)
             self.assertGreater(self.path(f'model_{name}').stat().st_size, 100)
         keyframes = must('info', self.map)['keyframes']
+        for name, said in (('points.ply', f"{must('info', self.map)['points']} points, in"), ('keyframes.txt', f'poses of {keyframes} keyframes, in')):
+            told = cairn('export', self.map, self.path(f'told_{name}'), json_output=False)
+            self.assertIn(said, told.out)
+            self.assertRegex(told.out, 'the world, metres|map units')
         self.assertEqual(sum(not line.startswith('#') for line in open(self.path('keyframes.txt'))), keyframes)
         self.assertEqual(len(open(self.path('keyframes.kitti')).readlines()), keyframes)
         self.assertEqual(len(json.load(open(self.path('model.json')))['keyframes']), keyframes)

@@ -1,6 +1,7 @@
 """Looking inside a map: info, ls, show, stats, coverage, explain."""
 import os
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -8,7 +9,7 @@ import tempfile
 import time
 import unittest
 
-from cairn_cli import BINARY, cairn, must
+from cairn_cli import BINARY, black_png, cairn, must
 from served_maps import Server
 
 
@@ -56,6 +57,27 @@ class Inspection(unittest.TestCase):
         database.close()
         self.assertEqual(cairn('info', damaged).code, 0)
         self.assertEqual(cairn('info', damaged, '--digest').code, 3)
+
+    def test_what_is_few_does_not_load_the_map(self):
+        # The same, where nobody looks.
+        damaged = self.folder / 'damaged_elsewhere.cairn'
+        shutil.copy(self.map, damaged)
+        import sqlite3
+        with sqlite3.connect(damaged) as database:
+            database.execute('UPDATE points SET times_visible = times_visible + 1 WHERE id = (SELECT max(id) FROM points)')
+        database.close()
+        point = must('ls', self.map, 'points', '--limit', 1)['points'][0]['id']
+        for call in (['show', 'keyframe', 2], ['show', 'point', point], ['ls', '--limit', 2], ['ls', 'points', '--limit', 2]):
+            answer = cairn(call[0], damaged, *call[1:])
+            self.assertEqual(answer.code, 0, f'{call}: {answer.out}')
+            self.assertEqual({**answer.json, 'map': ''}, {**must(call[0], self.map, *call[1:]), 'map': ''}, call)
+        self.assertEqual(cairn('info', damaged, '--plan', json_output=False).code, 0)
+        self.assertEqual(cairn('ls', damaged, 'sessions').code, 3)
+        # A map that is not kept ready is loaded, with the same answer.
+        with sqlite3.connect(damaged) as database:
+            database.execute('DELETE FROM ready_pages')
+        database.close()
+        self.assertEqual(cairn('show', damaged, 'keyframe', 2).code, 3)
 
     # synth map
 
@@ -188,6 +210,24 @@ class Inspection(unittest.TestCase):
         self.assertEqual(cairn('coverage', self.map, '--fail-below', 1.0).code, 0 if coverage['share'] == 1.0 else 4)
         self.assertEqual(must('info', self.map, '--digest')['digest'], before)
         self.text('coverage', self.map)
+        self.assertEqual((coverage['frame'], coverage['unit']), ('map', 'map units'))
+
+    def test_coverage_of_an_aligned_map_is_in_the_world(self):
+        aligned, picture = self.folder / 'aligned.cairn', self.folder / 'aligned.svg'
+        shutil.copy(self.map, aligned)
+        must('align', aligned, '--groundtruth', self.office / 'groundtruth_cam0.txt')
+        coverage = must('coverage', aligned, '--picture', picture)
+        self.assertEqual((coverage['frame'], coverage['unit']), ('world', 'm'))
+        self.assertEqual((coverage['right'], coverage['ahead']), ([1, 0, 0], [0, 1, 0]))
+        size = coverage['cell_size']
+        for cell in coverage['cells']:
+            self.assertAlmostEqual(cell['center'][0], (cell['x'] + 0.5) * size)
+            self.assertAlmostEqual(cell['center'][1], (cell['y'] + 0.5) * size)
+        for test in coverage['tests']:
+            x, y = (int(value // size) for value in test['position'][:2])
+            self.assertIn((x, y), [(cell['x'], cell['y']) for cell in coverage['cells']])
+        self.assertIn('<svg', picture.read_text())
+        self.assertRegex(self.text('coverage', aligned), r'cells of [\d.]+ m by their centres in the world')
 
     # explain
 
@@ -209,6 +249,15 @@ class Inspection(unittest.TestCase):
         self.text('explain', self.map, image)
         self.text('explain', self.map, elsewhere, code=4)
         self.assertEqual(cairn('explain', self.map, self.folder / 'none.png').code, 1)
+
+    def test_an_image_that_was_compared_with_nothing_is_explained_and_drawn(self):
+        black, picture = self.folder / 'black.png', self.folder / 'black_drawn.svg'
+        black.write_bytes(black_png(640, 480))
+        answer = cairn('explain', self.map, black, '--picture', picture)
+        self.assertEqual(answer.code, 4, answer.out)
+        self.assertEqual(answer.json['stage'], cairn('explain', self.map, black).json['stage'])
+        self.assertIn('<svg', picture.read_text())
+        self.assertIn('    the image alone: ', self.text('explain', self.map, black, '--picture', picture, '--overwrite', code=4))
 
     # Photos, names and messages
 
@@ -240,9 +289,16 @@ class Inspection(unittest.TestCase):
             self.assertNotIn('\x1b', answer.out + answer.err, call)
 
     def test_help_fits_a_terminal(self):
-        for verb in ([], ['info'], ['localize'], ['run'], ['prune'], ['eval', 'ate'], ['synth']):
-            for line in cairn(*verb, '--help', json_output=False).out.splitlines():
-                self.assertTrue(len(line) <= 80 or line.startswith('  '), (verb, line))
+        waiting, verbs = [[]], 0
+        while waiting:
+            verb = waiting.pop()
+            verbs += 1
+            text = cairn(*verb, '--help', json_output=False).out
+            inner = text.partition('Subcommands:')[2].partition('\n\n')[0]
+            waiting += [[*verb, name] for name in re.findall(r'^  (\w\S*)', inner, flags=re.M)]
+            for line in text.splitlines():
+                self.assertTrue(len(line) <= 80 or line.startswith('  cairn '), (verb, line))
+        self.assertGreater(verbs, 40)
         options = cairn('prune', '--help', json_output=False).out.split('Options:')[1].split('There is no way')[0]
         self.assertLessEqual(max(map(len, options.splitlines())), 80)
 
@@ -251,6 +307,11 @@ class Inspection(unittest.TestCase):
                            (['prune', self.map, '--tests', -1], '--tests: -1 is less than 0'),
                            (['prune', self.map, '--tests', 'many'], '--tests: many is no number'),
                            (['render', self.map, '-o', 'x.png', '--width', 9], '--width: 9 is not within 200 to 5000'),
+                           (['prune', self.map, '--budget-mb', 'nan'], '--budget-mb: nan is no number'),
+                           (['coverage', self.map, '--cell', 'nan'], '--cell: nan is no number'),
+                           (['info', self.map, '--picture', 'x.gif'], 'has to end in .png or .svg'),
+                           (['explain', self.map, 'x', '--picture', 'x.gif'], 'has to end in .png or .svg'),
+                           (['run', self.office, '--map', 'x.cairn', '--from', 3, '--until', 1], '--until 1 is not later'),
                            (['lok'], 'there is no verb "lok"')):
             answer = cairn(*call)
             self.assertEqual(answer.code, 2, answer.out)

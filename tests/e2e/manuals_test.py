@@ -23,7 +23,7 @@ class Manuals(unittest.TestCase):
 
     def complete(self, *words):
         script = ('source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($#-1)); _cairn; printf "%s\\n" "${COMPREPLY[@]}"')
-        done = subprocess.run(['bash', '-c', script, 'bash', self.folder / 'bash-completion/cairn', 'cairn', *words],
+        done = subprocess.run(['bash', '-c', script, 'bash', self.folder / 'bash-completion/cairn', 'cairn', *map(str, words)],
                               capture_output=True, text=True, check=True, timeout=30, cwd=self.folder)
         return done.stdout.split()
 
@@ -70,6 +70,23 @@ class Manuals(unittest.TestCase):
         (self.folder / 'office.cairn').touch()
         self.assertEqual(self.complete('info', 'off'), ['office.cairn'])
         self.assertEqual(self.complete('info', 'office.cairn', '--picture', 'off'), ['office.cairn'])
+
+    def test_choices_are_completed(self):
+        (self.folder / 'office.cairn').touch()
+        self.assertIn('colmap-text', self.complete('export', 'office.cairn', 'model', '--format', ''))
+        self.assertEqual(self.complete('render', 'office.cairn', '--view', 'pe'), ['perspective'])
+        self.assertEqual(sorted(self.complete('show', 'office.cairn', '')),
+                         ['camera', 'component', 'keyframe', 'point', 'session'])
+        self.assertEqual(self.complete('show', 'off'), ['office.cairn'])
+        self.assertEqual(self.complete('ls', '--limit', 3, 'office.cairn', 'se'), ['sessions'])
+        self.assertEqual(self.complete('--server', 'localhost:7878', 'ls', 'office', 'se'), ['sessions'])
+        self.assertEqual(self.complete('ls', 'office.cairn', '--sort', 'par'), ['parallax_deg'])
+        self.assertEqual(self.complete('align', 'office.cairn', '--up', '-'), ['-x', '-y', '-z'])
+
+    def test_names_are_those_that_can_be_typed(self):
+        for page in [*(self.folder / 'man1').iterdir(), self.folder / 'bash-completion/cairn']:
+            self.assertNotRegex(page.read_text(), r'-[a-z]+\{', page)
+        self.assertIn('--alike', self.complete('synth', 'map', '--al'))
 
 
 if __name__ == '__main__':

@@ -68,32 +68,36 @@ void AddComponent(const ComponentAlignment& found, const eval::Reference* refere
 }
 
 void PrintComponent(const AlignReport& report, const ComponentAlignment& found) {
-  std::printf("%s, component %u, is aligned: scale %.4f +- %.4f, rotation +- %.2f deg, position +- %.4f m\n",
-              text::Shown(report.map).c_str(), found.component.value(), found.world_from_component.scale(),
-              found.scale_sigma, found.rotation_sigma_rad * kDegPerRad, found.position_sigma_m);
-  std::printf("  %lld of its %lld keyframes with a reference %s fit: %.4f m RMSE (all %lld: %.4f m)\n",
-              L(found.fitting), L(found.with_reference), report.reference != nullptr ? "pose" : "position",
-              found.rmse_fitting_m, L(found.with_reference), found.rmse_all_m);
+  text::Say(
+      absl::StrFormat("%s, component %u, is aligned: scale %.4f +- %.4f, rotation +- %.2f deg, position +- %.4f m\n",
+                      text::Shown(report.map), found.component.value(), found.world_from_component.scale(),
+                      found.scale_sigma, found.rotation_sigma_rad * kDegPerRad, found.position_sigma_m));
+  text::Say(absl::StrFormat("  %lld of its %lld keyframes with a reference %s fit: %.4f m RMSE (all %lld: %.4f m)\n",
+                            L(found.fitting), L(found.with_reference),
+                            report.reference != nullptr ? "pose" : "position", found.rmse_fitting_m,
+                            L(found.with_reference), found.rmse_all_m));
   if (!found.misfits_s.empty()) {
     constexpr std::size_t kFirst = 5;
     std::vector<std::string> first;
     for (std::size_t i = 0; i < std::min(found.misfits_s.size(), kFirst); ++i) {
       first.push_back(absl::StrFormat("%.3f", found.misfits_s[i]));
     }
-    std::printf("  %zu do not fit, at %s s%s\n", found.misfits_s.size(), absl::StrJoin(first, ", ").c_str(),
-                found.misfits_s.size() > kFirst ? ", ..." : "");
+    text::Say(absl::StrFormat("  %zu do not fit, at %s s%s\n", found.misfits_s.size(), absl::StrJoin(first, ", "),
+                              found.misfits_s.size() > kFirst ? ", ..." : ""));
   }
   if (report.reference != nullptr) {
     for (const std::string& note : {eval::Describe(*report.reference), OrientationNote(found, report.positions_only)}) {
-      if (!note.empty()) std::printf("  %s\n", text::Shown(note).c_str());
+      if (!note.empty()) text::Say(absl::StrFormat("  %s\n", text::Shown(note)));
     }
   }
   if (found.moved_m) {
-    std::printf("  its keyframes moved by %.4f m (median) from the alignment that it had\n", *found.moved_m);
+    text::Say(
+        absl::StrFormat("  its keyframes moved by %.4f m (median) from the alignment that it had\n", *found.moved_m));
   }
   for (const ComponentAlignment::Other& other : found.others) {
-    std::printf("  component %u, %lld keyframes, %lld with a reference pose, remains %s\n", other.component.value(),
-                L(other.keyframes), L(other.with_reference), other.aligned ? "aligned as it was" : "without alignment");
+    text::Say(absl::StrFormat("  component %u, %lld keyframes, %lld with a reference pose, remains %s\n",
+                              other.component.value(), L(other.keyframes), L(other.with_reference),
+                              other.aligned ? "aligned as it was" : "without alignment"));
   }
 }
 
@@ -121,7 +125,7 @@ void PrintAlignReport(const AlignReport& report) {
   if (report.answer.geo_anchor_changed) {
     const std::string where = report.answer.geo_anchor ? "its origin is at " + DescribeAnchor(*report.answer.geo_anchor)
                                                        : std::string("its place on the earth is not known any more");
-    std::printf("%s: %s\n", text::Shown(report.map).c_str(), where.c_str());
+    text::Say(absl::StrFormat("%s: %s\n", text::Shown(report.map), where));
   }
 }
 

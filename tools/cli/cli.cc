@@ -3,7 +3,6 @@
 #include <iostream>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "store/fault.h"
 #include "text/text.h"
@@ -18,11 +17,16 @@ int ExitCodeOf(const absl::Status& status) {
   return kFailure;
 }
 
-// For a terminal: names in it cannot command that.
-std::string ShownLines(absl::string_view message) {
-  std::vector<std::string> lines;
-  for (const absl::string_view line : absl::StrSplit(message, '\n')) lines.push_back(text::Shown(line));
-  return absl::StrJoin(lines, "\n");
+constexpr absl::string_view kUsageMark = "cairn/usage";
+
+// On standard error. Names in it cannot command a terminal.
+void Tell(const std::string& verb, absl::string_view message) {
+  std::string head = absl::StrCat("cairn", verb.empty() ? "" : " ", verb, ": "), told;
+  for (const absl::string_view line : absl::StrSplit(message, '\n')) {
+    absl::StrAppend(&told, text::WrappedOn(stderr, absl::StrCat(head, text::Shown(line))));
+    head.clear();
+  }
+  std::cerr << told;
 }
 
 // What the store says is wrong with a map; of other errors their kind: "not_found", "invalid_argument".
@@ -38,19 +42,26 @@ int Fail(const std::string& verb, const absl::Status& status, bool json) {
   const int code = ExitCodeOf(status);
   absl::string_view message = status.message();
   absl::ConsumePrefix(&message, absl::StrCat(verb, ": "));  // where it came from may have said so already
+  if (status.GetPayload(kUsageMark)) return FailUsage(verb, std::string(message), json);
   if (json) {
     PrintJson({{"error", std::string(message)}, {"fault", FaultOf(status)}, {"exit_code", code}});
   } else {
-    std::cerr << "cairn " << verb << ": " << ShownLines(message) << "\n";
+    Tell(verb, message);
   }
   return code;
+}
+
+absl::Status UsageError(const std::string& message) {
+  absl::Status status = absl::InvalidArgumentError(message);
+  status.SetPayload(kUsageMark, absl::Cord());
+  return status;
 }
 
 int FailUsage(const std::string& verb, const std::string& message, bool json) {
   if (json) {
     PrintJson({{"error", message}, {"fault", "usage"}, {"exit_code", kUsage}});
   } else {
-    std::cerr << "cairn" << (verb.empty() ? "" : " ") << verb << ": " << ShownLines(message) << "\n";
+    Tell(verb, message);
   }
   return kUsage;
 }

@@ -55,7 +55,7 @@ void AddSynthCommand(CLI::App& app, Action* action);
 void AddCameraCommand(CLI::App& app, Action* action);
 
 // Prints "cairn VERB: message" to standard error, or {"error": ...} to standard output when the verb answers in JSON.
-// Gives the exit code that fits the status.
+// Gives the exit code that fits the status: that of usage errors for those of UsageError().
 int Fail(const std::string& verb, const absl::Status& status, bool json);
 
 // The same for a usage error that an option's check did not find.

@@ -145,6 +145,7 @@ void AddOptions(CLI::App* verb, const std::shared_ptr<AlignOptions>& options) {
                    "Session whose poses these are; by default every keyframe that has a pose at its time counts")
       ->check(CLI::PositiveNumber);
   verb->add_option("--max-dt", options->max_dt_s, "Largest time difference of keyframe and reference, seconds")
+      ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   verb->add_flag("--overwrite", options->overwrite, "Replace an alignment that the component has, or the map's --geo");
   verb->add_flag("--force", options->force,
@@ -183,8 +184,13 @@ void AddAlignCommand(CLI::App& app, Action* action) {
                          options->json);
       }
       if (asked + static_cast<int>(known) != 1) {
-        return FailUsage("align", "give one of --groundtruth, --geo, --geo-positions, --points and --distance",
+        return FailUsage("align",
+                         "give one of --groundtruth, --geo, --geo-positions, --points, --distance and --gravity (of "
+                         "which the last two go together)",
                          options->json);
+      }
+      if (!options->known.positions.empty() && (!options->known.distances.empty() || !options->known.gravity.empty())) {
+        return FailUsage("align", "--points say all: neither --distance nor --gravity goes with them", options->json);
       }
       const absl::Status status = Align(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("align", status, options->json);

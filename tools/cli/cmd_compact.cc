@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
 #include "store/map_store.h"
@@ -54,8 +55,9 @@ void AddCompactCommand(CLI::App& app, Action* action) {
       if (options->json) {
         PrintJson({{"map", options->map}, {"bytes_before", compacted->before}, {"bytes_after", compacted->after}});
       } else {
-        std::printf("%s: %.2f MB, was %.2f MB\n", text::Shown(options->map).c_str(),
-                    static_cast<double>(compacted->after) / 1e6, static_cast<double>(compacted->before) / 1e6);
+        text::Say(absl::StrFormat("%s: %.2f MB, was %.2f MB\n", text::Shown(options->map),
+                                  static_cast<double>(compacted->after) / 1e6,
+                                  static_cast<double>(compacted->before) / 1e6));
       }
       return static_cast<int>(kOk);
     };

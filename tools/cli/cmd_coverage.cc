@@ -49,6 +49,11 @@ std::vector<ComponentId> Drawn(const map::Snapshot& map, const inspect::Coverage
   return aligned;
 }
 
+bool InWorld(const map::Snapshot& map, const inspect::Coverage& coverage) {
+  const std::vector<ComponentId> drawn = Drawn(map, coverage);
+  return !drawn.empty() && map.WorldFrom(drawn[0]).has_value();
+}
+
 absl::Status DrawCoverage(const map::Snapshot& map, const inspect::Coverage& coverage, const CoverageCommand& command) {
   const std::vector<ComponentId> drawn = Drawn(map, coverage);
   const auto is_drawn = [&](ComponentId id) { return std::ranges::find(drawn, id) != drawn.end(); };
@@ -59,7 +64,11 @@ absl::Status DrawCoverage(const map::Snapshot& map, const inspect::Coverage& cov
   figure.title = absl::StrCat("Coverage of ", map.info().name);
   figure.subtitle = absl::StrFormat("%.0f %% of %d views found without their own keyframe", 100.0 * coverage.share,
                                     coverage.tests.size());
-  figure.axis_unit = !drawn.empty() && map.WorldFrom(drawn[0]) ? "m" : "map units";
+  figure.axis_unit = InWorld(map, coverage) ? "m" : "map units";
+  if (!coverage.right_name.empty()) {
+    figure.axes[0] = coverage.right_name;
+    figure.axes[1] = coverage.ahead_name;
+  }
   figure.cell_size = coverage.cell_size;
   for (const inspect::CoverageCell& cell : coverage.cells) {
     if (!is_drawn(cell.component)) continue;
@@ -82,11 +91,14 @@ absl::Status DrawCoverage(const map::Snapshot& map, const inspect::Coverage& cov
 }
 
 void PrintCoverageJson(const CoverageCommand& command, const map::Snapshot& map, const inspect::Coverage& coverage) {
+  const auto axis = [](const Vector3d& v) { return nlohmann::ordered_json{v.x(), v.y(), v.z()}; };
   nlohmann::ordered_json cells = nlohmann::ordered_json::array(), tests = cells;
   for (const inspect::CoverageCell& cell : coverage.cells) {
     cells.push_back({{"component", cell.component.value()},
                      {"x", cell.x},
                      {"y", cell.y},
+                     {"center", axis(cell.center)},
+                     {"unit", map.WorldFrom(cell.component) ? "m" : "map units"},
                      {"views", cell.tests},
                      {"found", cell.found},
                      {"share", cell.share()}});
@@ -100,21 +112,33 @@ void PrintCoverageJson(const CoverageCommand& command, const map::Snapshot& map,
                      {"result", NameOf(test.result)},
                      {"inliers", test.inliers}});
   }
-  const auto axis = [](const Vector3d& v) { return nlohmann::ordered_json{v.x(), v.y(), v.z()}; };
-  PrintJson({{"map", command.map},
-             {"revision", map.revision()},
-             {"share", coverage.share},
-             {"views", coverage.tests.size()},
-             {"not_tested", coverage.not_tested},
-             {"cell_size", coverage.cell_size},
-             {"right", axis(coverage.right)},
-             {"ahead", axis(coverage.ahead)},
-             {"cells", cells},
-             {"tests", tests},
-             {"warnings", coverage.warnings}});
+  const bool none = coverage.tests.empty();
+  nlohmann::ordered_json json = {
+      {"map", command.map},
+      {"revision", map.revision()},
+      {"share", none ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(coverage.share)},
+      {"views", coverage.tests.size()},
+      {"not_tested", coverage.not_tested},
+      {"cell_size", none ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(coverage.cell_size)},
+      {"right", axis(coverage.right)},
+      {"ahead", axis(coverage.ahead)}};
+  AddFrameAndUnit(InWorld(map, coverage), &json);
+  json.update({{"cells", cells}, {"tests", tests}, {"warnings", coverage.warnings}});
+  if (!command.picture.empty())
+    json["picture"] = none ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(command.picture);
+  PrintJson(json);
 }
 
-void PrintCoverage(const CoverageCommand& command, const inspect::Coverage& coverage) {
+void PrintCoverage(const CoverageCommand& command, const map::Snapshot& map, const inspect::Coverage& coverage) {
+  if (coverage.tests.empty()) {
+    const std::string why = map.keyframes().empty()
+                                ? "it has no keyframes (cairn run --extend maps into it)"
+                                : absl::StrCat("none of its ", map.keyframes().size(),
+                                               " keyframes can be taken out of it, so that nothing can be asked");
+    std::fputs(text::WrappedOn(stdout, absl::StrCat(text::Shown(command.map), ": ", why)).c_str(), stdout);
+    if (!command.picture.empty()) std::printf("  picture: none, as there is nothing to draw\n");
+    return;
+  }
   std::printf("%s:\n  %.0f %% of %zu views are found without their own keyframe (%d not tested)\n",
               text::Shown(command.map).c_str(), 100.0 * coverage.share, coverage.tests.size(), coverage.not_tested);
   constexpr std::size_t kShownCells = 20;
@@ -123,17 +147,23 @@ void PrintCoverage(const CoverageCommand& command, const inspect::Coverage& cove
   std::vector<std::vector<std::string>> rows;
   for (std::size_t i = 0; i < std::min(cells.size(), kShownCells); ++i) {
     const inspect::CoverageCell& cell = cells[i];
-    rows.push_back({absl::StrCat(cell.component.value()), absl::StrCat(cell.x), absl::StrCat(cell.y),
-                    absl::StrCat(cell.tests), absl::StrCat(cell.found),
-                    absl::StrFormat("%.0f %%", 100.0 * cell.share())});
+    const auto at = [&](int axis) { return absl::StrFormat("%.2f", cell.center[axis]); };
+    rows.push_back({absl::StrCat(cell.component.value()), at(0), at(1), at(2), absl::StrCat(cell.tests),
+                    absl::StrCat(cell.found), absl::StrFormat("%.0f %%", 100.0 * cell.share())});
   }
-  std::printf("  cells of %.3g, the worst first\n", coverage.cell_size);
-  std::fputs(
-      text::TextTable(
-          {{"component", false}, {"x", false}, {"y", false}, {"views", false}, {"found", false}, {"share", false}},
-          rows, "  ")
-          .c_str(),
-      stdout);
+  const bool world = InWorld(map, coverage);
+  std::printf("  cells of %.3g %s by their centres%s, the worst first\n", coverage.cell_size, world ? "m" : "map units",
+              world ? " in the world" : "");
+  std::fputs(text::TextTable({{"component", false},
+                              {"x", false},
+                              {"y", false},
+                              {"z", false},
+                              {"views", false},
+                              {"found", false},
+                              {"share", false}},
+                             rows, "  ")
+                 .c_str(),
+             stdout);
   if (cells.size() > kShownCells) std::printf("  ... %zu more (--json)\n", cells.size() - kShownCells);
   for (const std::string& warning : coverage.warnings) {
     std::fputs(text::Wrapped(absl::StrCat("warning: ", warning), "  ", "    ").c_str(), stdout);
@@ -157,11 +187,13 @@ absl::StatusOr<inspect::Coverage> RunCoverage(const CoverageCommand& command) {
                            return true;
                          }));
   progress.Finish();
-  if (!command.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawCoverage(map, coverage, command));
+  if (!command.picture.empty() && !coverage.tests.empty()) {
+    CAIRN_RETURN_IF_ERROR(DrawCoverage(map, coverage, command));
+  }
   if (command.json) {
     PrintCoverageJson(command, map, coverage);
   } else {
-    PrintCoverage(command, coverage);
+    PrintCoverage(command, map, coverage);
   }
   return coverage;
 }
@@ -186,7 +218,8 @@ void AddCoverageCommand(CLI::App& app, Action* action) {
   verb->add_flag("--json", command->json, "Answer in JSON");
   verb->footer(
       "Each keyframe is taken out of the map, with those that share 70 % of its points, and looked for in the rest.\n"
-      "The map is only read. Lengths are metres where it is aligned, else map units.\n"
+      "The map is only read. Lengths are metres in the world where it is aligned, else map units. Cells lie on the\n"
+      "ground: z (or what points upwards) is how high the cameras were there.\n"
       "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged, 4 below --fail-below, 5 version.\n"
       "Examples:\n"
       "  cairn coverage office.cairn --picture coverage.png\n"

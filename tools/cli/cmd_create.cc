@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/described_map.h"
 #include "cli/server_option.h"
@@ -23,8 +24,8 @@ absl::Status MakeMap(const NewMapOptions& options) {
   if (options.json) {
     PrintJson(SummaryAsJson(made));
   } else {
-    std::printf("%s: map \"%s\" of id %s, empty (cairn run --extend)\n", text::Shown(options.map).c_str(),
-                text::Shown(made.title).c_str(), made.id.c_str());
+    text::Say(absl::StrFormat("%s: map \"%s\" of id %s, empty (cairn run --extend)\n", text::Shown(options.map),
+                              text::Shown(made.title), made.id));
   }
   return absl::OkStatus();
 }

@@ -7,6 +7,7 @@
 #include <iostream>
 #include <limits>
 
+#include "absl/strings/str_format.h"
 #include "base/angles.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
@@ -116,8 +117,8 @@ int EvaluateRuns(const EvalOptions& options, const io::Trajectory& truth, const 
                {"best", summary.best},
                {"worst", summary.worst}});
   } else {
-    std::printf("median of %d runs: %.4f m (best %.4f, worst %.4f, %d failed)\n", summary.runs, summary.median,
-                summary.best, summary.worst, summary.failed);
+    text::Say(absl::StrFormat("median of %d runs: %.4f m (best %.4f, worst %.4f, %d failed)\n", summary.runs,
+                              summary.median, summary.best, summary.worst, summary.failed));
   }
   return summary.failed == summary.runs ? kFailure : kOk;
 }
@@ -139,7 +140,7 @@ nlohmann::ordered_json ToJson(const eval::Reference& reference, const Orientatio
 
 void PrintNotes(const eval::Reference& reference, const OrientationAgreement& orientations) {
   for (const std::string& note : {eval::Describe(reference), eval::Describe(orientations)}) {
-    if (!note.empty()) std::printf("  %s\n", text::Shown(note).c_str());
+    if (!note.empty()) text::Say(absl::StrFormat("  %s\n", text::Shown(note)));
   }
 }
 
@@ -198,14 +199,14 @@ int RunAte(EvalOptions options) {
                {"reference", ToJson(*reference, result->orientations)}});
     return kOk;
   }
-  std::printf("ATE %.4f m RMSE over %d poses (%d without ground truth)\n", result->position_m.rmse,
-              result->position_m.count, result->estimated - result->position_m.count);
-  std::printf("  median %.4f m, max %.4f m, rotation median %s, scale %.4f, path %.2f m\n", result->position_m.median,
-              result->position_m.max,
-              RotationText(result->rotation_rad, result->rotation_rad.median, "%.2f deg").c_str(),
-              result->groundtruth_from_estimate.scale(), result->path_length_m);
+  text::Say(absl::StrFormat("ATE %.4f m RMSE over %d poses (%d without ground truth)\n", result->position_m.rmse,
+                            result->position_m.count, result->estimated - result->position_m.count));
+  text::Say(absl::StrFormat("  median %.4f m, max %.4f m, rotation median %s, scale %.4f, path %.2f m\n",
+                            result->position_m.median, result->position_m.max,
+                            RotationText(result->rotation_rad, result->rotation_rad.median, "%.2f deg"),
+                            result->groundtruth_from_estimate.scale(), result->path_length_m));
   PrintNotes(*reference, result->orientations);
-  if (!options.plot.empty()) std::printf("  picture: %s\n", text::Shown(options.plot).c_str());
+  if (!options.plot.empty()) text::Say(absl::StrFormat("  picture: %s\n", text::Shown(options.plot)));
   return kOk;
 }
 
@@ -231,10 +232,10 @@ int RunRpe(EvalOptions options) {
                     {"rotation_deg", RotationJson(result.rotation_rad)},
                     {"drift_percent", result.drift_percent}});
     if (!options.json) {
-      std::printf("over %g %s: %.4f m RMSE, rotation %s, drift %.2f %% (%d segments)\n", result.delta,
-                  options.unit.c_str(), result.translation_m.rmse,
-                  RotationText(result.rotation_rad, result.rotation_rad.rmse, "%.3f deg RMSE").c_str(),
-                  result.drift_percent, result.segments);
+      text::Say(absl::StrFormat("over %g %s: %.4f m RMSE, rotation %s, drift %.2f %% (%d segments)\n", result.delta,
+                                options.unit, result.translation_m.rmse,
+                                RotationText(result.rotation_rad, result.rotation_rad.rmse, "%.3f deg RMSE"),
+                                result.drift_percent, result.segments));
     }
   }
   if (options.json) {
@@ -274,9 +275,10 @@ int RunLoop(const EvalOptions& options) {
                {"start_poses", result->start_poses},
                {"end_poses", result->end_poses}});
   } else {
-    std::printf("e_align %.4f m; rotation drift %.2f deg, scale drift %.4f (%d poses at the start, %d at the end)\n",
-                result->align_error_m, result->rotation_drift_rad * kDegPerRad, result->scale_drift,
-                result->start_poses, result->end_poses);
+    text::Say(absl::StrFormat(
+        "e_align %.4f m; rotation drift %.2f deg, scale drift %.4f (%d poses at the start, %d at the end)\n",
+        result->align_error_m, result->rotation_drift_rad * kDegPerRad, result->scale_drift, result->start_poses,
+        result->end_poses));
   }
   return kOk;
 }
@@ -324,14 +326,14 @@ int RunLocalization(const EvalOptions& options) {
          {"error_deg", result->answered == 0 ? ToJson(result->error_rad, kDegPerRad) : RotationJson(result->error_rad)},
          {"reference", ToJson(*reference, result->orientations)}});
   } else {
-    std::printf(
+    text::Say(absl::StrFormat(
         "%d queries, %d answered; %.1f %% within %g m / %g deg; %.1f %% of the answers worse than %g m / %g deg\n",
         result->queries, result->answered, 100.0 * result->within_share, options.localization.within_m,
         options.localization.within_deg, 100.0 * wrong_of_answered, options.localization.wrong_m,
-        options.localization.wrong_deg);
-    std::printf("  median error %.4f m, %s (%d answers have no reference pose)\n", result->error_m.median,
-                RotationText(result->error_rad, result->error_rad.median, "%.2f deg").c_str(),
-                result->without_reference);
+        options.localization.wrong_deg));
+    text::Say(absl::StrFormat("  median error %.4f m, %s (%d answers have no reference pose)\n", result->error_m.median,
+                              RotationText(result->error_rad, result->error_rad.median, "%.2f deg"),
+                              result->without_reference));
     PrintNotes(*reference, result->orientations);
   }
   return kOk;

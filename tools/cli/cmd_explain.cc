@@ -88,11 +88,6 @@ KeyframeId Beside(const map::Snapshot& map, const inspect::Explanation& e) {
 
 absl::Status DrawMatches(const ExplainCommand& command, const map::Snapshot& map, const Explained& explained) {
   const inspect::Explanation& e = explained.explanation;
-  const KeyframeId beside = Beside(map, e);
-  if (!beside)
-    return absl::FailedPreconditionError("no keyframe of the map was compared with the image: nothing to draw");
-  const map::Keyframe& keyframe = map.keyframe(beside);
-  const Pinhole& pinhole = map.pinhole(keyframe.camera);
   plot::MatchFigure figure;
   figure.title = e.result.localized ? "Found" : absl::StrCat("Not found: ", inspect::StageName(e.result.stage));
   figure.subtitle = e.result.localized
@@ -103,6 +98,13 @@ absl::Status DrawMatches(const ExplainCommand& command, const map::Snapshot& map
   for (const image::Keypoint& keypoint : explained.query.features.keypoints) {
     figure.left.features.emplace_back(keypoint.x_px, keypoint.y_px);
   }
+  plot::FigureOptions to;
+  to.overwrite = command.overwrite;
+  to.width_pt = 1000.0;
+  const KeyframeId beside = Beside(map, e);
+  if (!beside) return plot::WriteMatchFigure(figure, command.picture, to);  // it was compared with none
+  const map::Keyframe& keyframe = map.keyframe(beside);
+  const Pinhole& pinhole = map.pinhole(keyframe.camera);
   figure.right = {absl::StrCat("keyframe ", beside.value(), " (the map keeps no image)"),
                   pinhole.width_px,
                   pinhole.height_px,
@@ -133,9 +135,6 @@ absl::Status DrawMatches(const ExplainCommand& command, const map::Snapshot& map
   if (group != nullptr) {
     for (const tracking::GroupMatch& match : group->matches) add(match.feature, match.point, false);
   }
-  plot::FigureOptions to;
-  to.overwrite = command.overwrite;
-  to.width_pt = 1000.0;
   return plot::WriteMatchFigure(figure, command.picture, to);
 }
 
@@ -192,7 +191,7 @@ void PrintExplanationJson(const ExplainCommand& command, const map::Snapshot& ma
   PrintJson(json);
 }
 
-void PrintExplanation(const ExplainCommand& command, const inspect::Explanation& e) {
+void PrintExplanation(const ExplainCommand& command, const inspect::Explanation& e, bool compared) {
   const tracking::RelocalizationCounts& counts = e.result.counts;
   std::string head = absl::StrCat(text::Shown(command.image), ": ",
                                   e.result.localized ? "found" : absl::StrCat("not found, ", e.result.reason));
@@ -240,7 +239,9 @@ void PrintExplanation(const ExplainCommand& command, const inspect::Explanation&
                stdout);
   }
   for (const std::string& advice : e.advice) std::fputs(text::Wrapped(advice, "  * ", "    ").c_str(), stdout);
-  if (!command.picture.empty()) std::printf("  picture: %s\n", text::Shown(command.picture).c_str());
+  if (command.picture.empty()) return;
+  std::printf("  picture: %s%s\n", text::Shown(command.picture).c_str(),
+              compared ? "" : "\n    the image alone: it was compared with no keyframe");
 }
 
 absl::StatusOr<bool> RunExplain(const ExplainCommand& command) {
@@ -256,7 +257,7 @@ absl::StatusOr<bool> RunExplain(const ExplainCommand& command) {
   if (command.json) {
     PrintExplanationJson(command, map, explained.explanation);
   } else {
-    PrintExplanation(command, explained.explanation);
+    PrintExplanation(command, explained.explanation, Beside(map, explained.explanation).valid());
   }
   return explained.explanation.result.localized;
 }

@@ -1,15 +1,21 @@
 // cairn export: files made from a map, for other programs.
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <optional>
 
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
 #include "cli/cli.h"
 #include "cli/export_model.h"
 #include "cli/export_served.h"
 #include "cli/server_option.h"
 #include "host/export.h"
+#include "store/map_store.h"
 #include "text/text.h"
 
 namespace cairn::cli {
@@ -39,16 +45,67 @@ absl::Status Write(const ExportOptions& options, api::ExportContent content) {
   return absl::InternalError(absl::StrCat(options.out, ": ", why));
 }
 
+// What a file holds, as it says itself.
+struct Exported {
+  std::optional<std::int64_t> keyframes, points;
+  std::optional<bool> in_world;  // not known of a file of an older server
+};
+
+absl::StatusOr<Exported> ReadBack(const std::string& path, api::ExportContent content) {
+  Exported exported;
+  if (content == api::ExportContent::kMap) {
+    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> map,
+                           store::OpenMapStore(path, store::OpenMode::kRead));
+    CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, map->ReadSummary());
+    exported.keyframes = summary.keyframes;
+    exported.points = summary.points;
+    return exported;
+  }
+  std::ifstream file(path, std::ios::binary);
+  std::int64_t poses = 0;
+  for (std::string line; std::getline(file, line) && line != "end_header";) {
+    const bool comment = absl::StartsWith(line, "#") || absl::StartsWith(line, "comment ");
+    if (comment && absl::EndsWith(line, ", frame world, metres")) exported.in_world = true;
+    if (comment && absl::EndsWith(line, ", map units")) exported.in_world = false;
+    std::int64_t vertices = 0;
+    absl::string_view count = line;
+    if (absl::ConsumePrefix(&count, "element vertex ") && absl::SimpleAtoi(count, &vertices)) {
+      exported.points = vertices;
+    }
+    poses += comment || line.empty() ? 0 : 1;
+  }
+  if (content == api::ExportContent::kTrajectory) exported.keyframes = poses;
+  return exported;
+}
+
+std::string Describe(const Exported& exported, api::ExportContent content) {
+  std::string text;
+  if (exported.keyframes) {
+    absl::StrAppend(&text, content == api::ExportContent::kTrajectory ? "poses of " : "", *exported.keyframes,
+                    " keyframes");
+  }
+  if (exported.points) absl::StrAppend(&text, exported.keyframes ? " and " : "", *exported.points, " points");
+  if (exported.in_world) absl::StrAppend(&text, ", in ", *exported.in_world ? "the world, metres" : "map units");
+  return text;
+}
+
 absl::Status Export(const ExportOptions& options, api::ExportContent content) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out}, {options.server.empty() ? options.map : std::string()}));
   CAIRN_RETURN_IF_ERROR(Write(options, content));
   std::error_code error;
   const auto bytes = std::filesystem::file_size(options.out, error);
+  CAIRN_ASSIGN_OR_RETURN(const Exported exported, ReadBack(options.out, content));
   if (options.json) {
-    PrintJson({{"map", options.map}, {"file", options.out}, {"bytes", error ? 0 : bytes}});
+    nlohmann::ordered_json json = {{"map", options.map}, {"file", options.out}, {"bytes", error ? 0 : bytes}};
+    if (exported.in_world) AddFrameAndUnit(*exported.in_world, &json);
+    if (exported.keyframes) json["keyframes"] = *exported.keyframes;
+    if (exported.points) json["points"] = *exported.points;
+    PrintJson(json);
   } else {
-    std::printf("%s: %.1f MB\n", text::Shown(options.out).c_str(), error ? 0.0 : static_cast<double>(bytes) / 1e6);
+    const std::string told = absl::StrFormat("%s: %s, %.1f MB", text::Shown(options.out), Describe(exported, content),
+                                             error ? 0.0 : static_cast<double>(bytes) / 1e6);
+    std::fputs(text::WrappedOn(stdout, told).c_str(), stdout);
   }
   return absl::OkStatus();
 }

@@ -4,6 +4,7 @@
 #include <iostream>
 #include <memory>
 
+#include "absl/strings/str_format.h"
 #include "base/version.h"
 #include "care/model_import.h"
 #include "cli/cli.h"
@@ -83,13 +84,13 @@ void PrintImport(const ImportCommand& command, const care::ModelImport& imported
                {"aligned", command.options.metric}});
     return;
   }
-  std::printf("%s: %d keyframes of %lld images, %d points, reprojection %.2f px RMSE\n",
-              text::Shown(command.out).c_str(), report.keyframes, static_cast<long long>(imported.images),
-              report.points, report.rmse_px);
-  std::printf("  the model's poses explain %.0f %% of the matches; refined by %.2g (median, its unit)\n",
-              100.0 * report.fit.share, report.median_pose_change);
+  text::Say(absl::StrFormat("%s: %d keyframes of %lld images, %d points, reprojection %.2f px RMSE\n",
+                            text::Shown(command.out), report.keyframes, static_cast<long long>(imported.images),
+                            report.points, report.rmse_px));
+  text::Say(absl::StrFormat("  the model's poses explain %.0f %% of the matches; refined by %.2g (median, its unit)\n",
+                            100.0 * report.fit.share, report.median_pose_change));
   if (imported.cameras > 1) {
-    std::printf("  %d calibrations were brought to that of most images\n", imported.cameras);
+    text::Say(absl::StrFormat("  %d calibrations were brought to that of most images\n", imported.cameras));
   }
 }
 

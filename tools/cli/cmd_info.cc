@@ -3,7 +3,6 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <iostream>
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
@@ -13,6 +12,8 @@
 #include "cli/component_report.h"
 #include "cli/described_map.h"
 #include "cli/geo_options.h"
+#include "cli/input_options.h"
+#include "cli/loaded_map.h"
 #include "cli/map_scene.h"
 #include "cli/map_to_read.h"
 #include "cli/pictures.h"
@@ -97,6 +98,9 @@ nlohmann::ordered_json SessionAsJson(const ToldSession& told, bool being_written
           {"settings", nlohmann::ordered_json::parse(session.settings_json, nullptr, false)}};
 }
 
+// Null: there is nothing that it could be measured of.
+nlohmann::ordered_json Known(bool known, double value) { return known ? nlohmann::ordered_json(value) : nullptr; }
+
 nlohmann::ordered_json Describe(const store::MapOverview& map, bool being_written) {
   const store::MapSummary& summary = map.summary;
   const store::MapQuality& quality = map.quality;
@@ -121,12 +125,12 @@ nlohmann::ordered_json Describe(const store::MapOverview& map, bool being_writte
       {"components", ComponentsAsJson(ToldComponents(map))},
       {"fragments", FragmentsAsJson(FragmentsOf(FragmentCandidates(ToldComponents(map)), map.sessions, being_written))},
       {"geo_anchor", AnchorAsJson(summary.info.geo_anchor)},
-      {"features_per_keyframe", quality.features},
-      {"points_per_keyframe", quality.points},
-      {"covisible_keyframes", quality.covisible},
-      {"observations_per_point", quality.observations_per_point},
-      {"reprojection_rms_px", quality.error_rms_px},
-      {"reprojection_median_px", quality.error_median_px},
+      {"features_per_keyframe", Known(quality.keyframes > 0, quality.features)},
+      {"points_per_keyframe", Known(quality.keyframes > 0, quality.points)},
+      {"covisible_keyframes", Known(quality.keyframes > 0, quality.covisible)},
+      {"observations_per_point", Known(summary.points > 0, quality.observations_per_point)},
+      {"reprojection_rms_px", Known(quality.error_keyframes > 0, quality.error_rms_px)},
+      {"reprojection_median_px", Known(quality.error_keyframes > 0, quality.error_median_px)},
       {"keyframes_looked_at", quality.keyframes},
       {"keyframes_projected", quality.error_keyframes},
       {"vocabulary_hash", absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16))},
@@ -203,16 +207,27 @@ void PrintSessions(const store::MapOverview& map, bool being_written) {
   }
 }
 
+void PrintQuality(const store::MapSummary& summary, const store::MapQuality& quality) {
+  std::printf("  %lld keyframes with %.0f features (%.0f with a point), %.1f covisible each\n",
+              static_cast<long long>(summary.keyframes), quality.features, quality.points, quality.covisible);
+  const std::string error =
+      quality.error_keyframes == 0
+          ? "not known"
+          : absl::StrFormat("%.2f px RMS, %.2f px median", quality.error_rms_px, quality.error_median_px);
+  std::printf("  %lld points, seen %.1f times each; error %s\n", static_cast<long long>(summary.points),
+              quality.observations_per_point, error.c_str());
+}
+
 void Print(const store::MapOverview& map, const std::string& path, bool being_written) {
   const store::MapSummary& summary = map.summary;
   const store::MapQuality& quality = map.quality;
   std::printf("%s: map \"%s\", revision %llu\n", Shown(path).c_str(), Shown(summary.info.name).c_str(),
               static_cast<unsigned long long>(summary.revision));
-  std::printf("  %lld keyframes with %.0f features (%.0f with a point), %.1f covisible each\n",
-              static_cast<long long>(summary.keyframes), quality.features, quality.points, quality.covisible);
-  std::printf("  %lld points, seen %.1f times each; error %.2f px RMS, %.2f px median\n",
-              static_cast<long long>(summary.points), quality.observations_per_point, quality.error_rms_px,
-              quality.error_median_px);
+  if (summary.keyframes == 0) {
+    std::printf("  no keyframes (cairn run --extend maps into it)\n");
+  } else {
+    PrintQuality(summary, quality);
+  }
   const std::vector<ToldComponent> components = ToldComponents(map);
   PrintComponents(components, "  ", kListed);
   PrintFragments(FragmentsOf(FragmentCandidates(components), map.sessions, being_written), Shown(path), "  ");
@@ -229,6 +244,7 @@ void Print(const store::MapOverview& map, const std::string& path, bool being_wr
 // What takes the whole map to be told.
 struct InfoOfWhole {
   std::string digest, plan;  // empty: not asked for
+  bool drawn = false;        // the picture that was asked for: not of a map without keyframes
 };
 
 absl::StatusOr<InfoOfWhole> LookAtAll(const InfoOptions& options, store::MapStore& file) {
@@ -236,11 +252,17 @@ absl::StatusOr<InfoOfWhole> LookAtAll(const InfoOptions& options, store::MapStor
   if (options.digest) {
     CAIRN_ASSIGN_OR_RETURN(whole.digest, file.ContentDigest());
   }
-  if (options.plan || !options.picture.empty()) {
+  if (options.plan) {
+    CAIRN_RETURN_IF_ERROR(LookInto(file, /*few=*/true, [&](const map::Snapshot& map) {
+      constexpr int kPlanColumns = 72;
+      whole.plan = BraillePlan(map, TogetherInOneFrame(map), kPlanColumns);
+      return absl::OkStatus();
+    }));
+  }
+  if (!options.picture.empty()) {
     CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> snapshot, file.LoadSnapshot());
-    if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawMap(*snapshot, options.picture));
-    constexpr int kPlanColumns = 72;
-    if (options.plan) whole.plan = BraillePlan(*snapshot, TogetherInOneFrame(*snapshot), kPlanColumns);
+    whole.drawn = !snapshot->keyframes().empty();
+    if (whole.drawn) CAIRN_RETURN_IF_ERROR(DrawMap(*snapshot, options.picture));
   }
   return whole;
 }
@@ -248,6 +270,7 @@ absl::StatusOr<InfoOfWhole> LookAtAll(const InfoOptions& options, store::MapStor
 void AddWhole(const InfoOptions& options, const InfoOfWhole& whole, nlohmann::ordered_json* info) {
   if (options.digest) (*info)["digest"] = whole.digest;
   if (options.plan) (*info)["plan"] = whole.plan;
+  if (!options.picture.empty()) (*info)["picture"] = whole.drawn ? nlohmann::ordered_json(options.picture) : nullptr;
 }
 
 void PrintWhole(const InfoOptions& options, const InfoOfWhole& whole) {
@@ -255,7 +278,9 @@ void PrintWhole(const InfoOptions& options, const InfoOfWhole& whole) {
     std::printf("  %.*s\n", static_cast<int>(line.size()), line.data());
   }
   if (options.digest) std::printf("  content digest %s\n", whole.digest.c_str());
-  if (!options.picture.empty()) std::printf("  picture: %s\n", text::Shown(options.picture).c_str());
+  if (options.picture.empty()) return;
+  std::printf("  picture: %s\n",
+              whole.drawn ? text::Shown(options.picture).c_str() : "none, as there is nothing to draw");
 }
 
 bool NeedsAll(const InfoOptions& options) { return options.digest || options.plan || !options.picture.empty(); }
@@ -265,7 +290,7 @@ absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.map}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
   CAIRN_ASSIGN_OR_RETURN(const store::MapOverview map, store::ReadMapOverview(options.map));
-  for (const std::string& note : map.notes) std::cerr << "cairn info: " << note << "\n";
+  TellNotes("info", map.notes);
   std::error_code error;
   const bool being_written = store::WriterLock::IsHeld(std::filesystem::weakly_canonical(options.map, error).string());
   std::unique_ptr<store::MapStore> file;
@@ -275,7 +300,7 @@ absl::Status Info(const InfoOptions& options) {
   }
   if (lacks_vocabulary) {
     CAIRN_ASSIGN_OR_RETURN(const health::MapVocabulary vocabulary, health::LoadVocabulary(*file));
-    if (!vocabulary.note.empty()) std::cerr << "cairn info: " << vocabulary.note << "\n";
+    if (!vocabulary.note.empty()) TellNotes("info", {vocabulary.note});
   }
   InfoOfWhole whole;
   if (NeedsAll(options)) {

@@ -7,6 +7,7 @@
 #include <iostream>
 #include <map>
 
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "api/localizer.h"
@@ -29,6 +30,7 @@
 #include "io/image_treatment.h"
 #include "io/trajectory.h"
 #include "store/map_store.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -94,6 +96,10 @@ absl::Status Draw(const LocalizeOptions& options, const Summary& summary) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
                          store::OpenMapStore(options.map, store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
+  if (map->keyframes().empty()) {
+    TellNotes("localize", {absl::StrCat(options.picture, " is not drawn: ", options.map, " has no keyframes")});
+    return absl::OkStatus();
+  }
   std::vector<SE3> queries;
   for (const io::StampedPose& pose : summary.poses) queries.push_back(pose.world_from_camera);
   return DrawMap(*map, options.picture, queries);
@@ -114,9 +120,9 @@ absl::Status WriteOutputs(const LocalizeOptions& options, const Summary& summary
 
 void PrintLensUse(api::LensUse lens) {
   if (lens == api::LensUse::kCorrected) {
-    std::printf("  with the lens that the map found for this camera\n");
+    text::Say("  with the lens that the map found for this camera\n");
   } else if (lens == api::LensUse::kOtherCalibration) {
-    std::printf("  the map has corrected its camera's lens; this calibration is another one and was used as it is\n");
+    text::Say("  the map has corrected its camera's lens; this calibration is another one and was used as it is\n");
   }
 }
 
@@ -146,31 +152,31 @@ void PrintSummary(const LocalizeOptions& options, const Summary& summary, std::i
     PrintJson(json);
     return;
   }
-  std::printf("located %lld of %lld images (%.1f %%), %.1f ms median each (p99 %.1f)\n",
-              static_cast<long long>(summary.localized), static_cast<long long>(summary.frames), 100.0 * share,
-              summary.latency_ms.Percentile(0.5), summary.latency_ms.Percentile(0.99));
+  text::Say(absl::StrFormat("located %lld of %lld images (%.1f %%), %.1f ms median each (p99 %.1f)\n",
+                            static_cast<long long>(summary.localized), static_cast<long long>(summary.frames),
+                            100.0 * share, summary.latency_ms.Percentile(0.5), summary.latency_ms.Percentile(0.99)));
   if (summary.elsewhere > 0) {
-    std::printf("  %lld of them in other components than those of the files, %s (cairn info)\n",
-                static_cast<long long>(summary.elsewhere), NameComponents(summary.together).c_str());
+    text::Say(absl::StrFormat("  %lld of them in other components than those of the files, %s (cairn info)\n",
+                              static_cast<long long>(summary.elsewhere), NameComponents(summary.together)));
   }
   for (const auto& [stage, count] : summary.misses) {
-    std::printf("  %lld missed at stage \"%s\"\n", static_cast<long long>(count), stage.c_str());
+    text::Say(absl::StrFormat("  %lld missed at stage \"%s\"\n", static_cast<long long>(count), stage));
   }
-  if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
-  if (interrupted) std::printf("  interrupted: this is what was done until then\n");
+  if (skipped > 0) text::Say(absl::StrFormat("  %lld images could not be used\n", static_cast<long long>(skipped)));
+  if (interrupted) text::Say("  interrupted: this is what was done until then\n");
   PrintLensUse(summary.lens);
   if (CalibrationContradicted(summary)) {
-    std::printf(
+    text::Say(absl::StrFormat(
         "  WARNING: the calibration does not fit the images, %zu of %lld show another one, with a focal length of "
         "about "
         "x %.3f: the poses are off, and less sure than usual%s; calibrate the camera\n",
         summary.focal_factors.size(), static_cast<long long>(summary.localized + summary.missed_by_calibration),
         Median(summary.focal_factors),
         summary.missed_by_calibration > 0
-            ? absl::StrCat(", and ", summary.missed_by_calibration, " images were missed for it").c_str()
-            : "");
+            ? absl::StrCat(", and ", summary.missed_by_calibration, " images were missed for it")
+            : ""));
   }
-  if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
+  if (!summary.metric) text::Say("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
 
 // For photos of the map's own camera: the one that takes images of this size.

@@ -5,8 +5,10 @@
 #include <map>
 #include <memory>
 
+#include "absl/strings/str_join.h"
 #include "cli/cli.h"
 #include "cli/described_map.h"
+#include "cli/loaded_map.h"
 #include "cli/map_to_read.h"
 #include "cli/server_option.h"
 #include "host/map_host.h"
@@ -139,11 +141,17 @@ absl::Status ListContent(const LsOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.path));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
                          store::OpenMapStore(source.path(), store::OpenMode::kRead));
-  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
-  CAIRN_ASSIGN_OR_RETURN(const inspect::Listing listing, inspect::List(*map, kind, query));
+  inspect::Listing listing;
+  Revision revision = 0;
+  CAIRN_RETURN_IF_ERROR(
+      LookInto(*file, inspect::LooksAtFew(kind, query), [&](const map::Snapshot& map) -> absl::Status {
+        revision = map.revision();
+        CAIRN_ASSIGN_OR_RETURN(listing, inspect::List(map, kind, query));
+        return absl::OkStatus();
+      }));
   if (options.json) {
     PrintJson({{"map", options.path},
-               {"revision", map->revision()},
+               {"revision", revision},
                {options.what.empty() ? "keyframes" : options.what, RowsAsJson(listing)},
                {"total", listing.total}});
   } else {
@@ -176,14 +184,23 @@ void AddLsCommand(CLI::App& app, Action* action) {
                    "Directory of maps, or a map file (.cairn); with --server nothing, or the name of a map there");
   verb->add_option("WHAT", options->what, "Of a map: keyframes (default), points, sessions, components or cameras")
       ->check(CLI::IsMember({"keyframes", "points", "sessions", "components", "cameras"}));
-  verb->add_option("--sort", options->sort, "By this column, or a start of its name; what is not known comes last");
+  verb->add_option("--sort", options->sort, "By this column, or a start of its name; what is not known comes last")
+      ->type_name("COLUMN");
   verb->add_flag("--reverse", options->query.descending, "The largest first");
   verb->add_option("--filter", options->query.filters,
                    "Only rows with COLUMN=VALUE, or !=, <, <=, >, >=, ~ (contains); may be given several times")
       ->allow_extra_args(false);
   verb->add_option("--limit", options->query.limit, "At most so many rows; 0: all")->capture_default_str();
   verb->add_flag("--json", options->json, "Answer in JSON");
+  std::string columns;
+  for (const auto& [name, kind] : kKinds) {
+    absl::StrAppend(&columns, "Columns of ", name, ": ",
+                    absl::StrJoin(inspect::ColumnsOf(kind), ", ",
+                                  [](std::string* out, const inspect::Column& c) { out->append(c.name); }),
+                    ".\n");
+  }
   verb->footer(
+      columns +
       "Positions x, y, z and lengths are metres in the world where the component is aligned, else map units.\n"
       "error_px: reprojection error, root of the mean square. depth: of keyframes the median of their points,\n"
       "of points the distance from their reference keyframe. found: how often, of the times it was expected.\n"

@@ -27,6 +27,8 @@ absl::StatusOr<care::Merged> RunMerge(const MergeCommand& command) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(command.out, command.overwrite, /*is_map=*/true));
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap first, LoadMap("merge", command.first));
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap second, LoadMap("merge", command.second));
+  CAIRN_RETURN_IF_ERROR(RequireKeyframes(command.first, *first.map));
+  CAIRN_RETURN_IF_ERROR(RequireKeyframes(command.second, *second.map));
   Progress progress("merge", static_cast<std::int64_t>(second.map->keyframes().size()), command.json);
   CAIRN_ASSIGN_OR_RETURN(care::Merged merged, care::MergeMaps(first.map, *second.map, first.words, command.options,
                                                               engine::UnixNowNs(), [&](int done, int) {
@@ -49,8 +51,10 @@ std::string Reasons(const care::MergeAttempt& attempt) {
 
 void PrintMerge(const MergeCommand& command, const care::Merged& merged) {
   if (merged.map == nullptr) {
-    std::printf("%s and %s do not overlap, as far as can be proven: nothing is written\n",
-                text::Shown(command.first).c_str(), text::Shown(command.second).c_str());
+    std::fputs(text::WrappedOn(stdout, absl::StrCat(text::Shown(command.first), " and ", text::Shown(command.second),
+                                                    " do not overlap, as far as can be proven: nothing is written"))
+                   .c_str(),
+               stdout);
   } else {
     std::printf("%s: %zu keyframes, %zu points\n", text::Shown(command.out).c_str(), merged.map->keyframes().size(),
                 merged.map->points().size());

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "absl/strings/str_format.h"
 #include "care/packing.h"
 #include "care/self_queries.h"
 #include "care/whole_map.h"
@@ -51,6 +52,7 @@ absl::StatusOr<PackReport> RunPack(const PackCommand& command) {
   CAIRN_RETURN_IF_ERROR(CheckDistinct({command.out}, {command.map}));
   CAIRN_RETURN_IF_ERROR(CheckWritable(command.out, command.overwrite, /*is_map=*/true));
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("pack", command.map));
+  CAIRN_RETURN_IF_ERROR(RequireKeyframes(command.map, *loaded.map));
   const map::MapInfo info = care::NewMapInfo(loaded.map->info(), loaded.map->info().name);
   PackReport report;
   CAIRN_ASSIGN_OR_RETURN(report.packed, care::Pack(*loaded.map, info, command.options));
@@ -78,14 +80,15 @@ absl::StatusOr<PackReport> RunPack(const PackCommand& command) {
 }
 
 void PrintPack(const PackCommand& command, const PackReport& report) {
-  std::printf("%s: %.1f MB, was %.1f MB (of both the vocabulary takes %.1f MB)\n", text::Shown(command.out).c_str(),
-              static_cast<double>(report.bytes_after) / 1e6, static_cast<double>(report.bytes_before) / 1e6,
-              static_cast<double>(report.vocabulary_bytes) / 1e6);
-  std::printf("  %lld of %lld features are kept, %zu of %lld points\n  %.1f kB per keyframe (%.1f per 1000 features)\n",
-              static_cast<long long>(report.packed.features_after),
-              static_cast<long long>(report.packed.features_before), report.packed.map->points().size(),
-              static_cast<long long>(report.points_before), report.BytesPerKeyframe() / 1e3,
-              report.FeaturesPerKeyframe() > 0.0 ? report.BytesPerKeyframe() / report.FeaturesPerKeyframe() : 0.0);
+  text::Say(absl::StrFormat("%s: %.1f MB, was %.1f MB (of both the vocabulary takes %.1f MB)\n",
+                            text::Shown(command.out), static_cast<double>(report.bytes_after) / 1e6,
+                            static_cast<double>(report.bytes_before) / 1e6,
+                            static_cast<double>(report.vocabulary_bytes) / 1e6));
+  text::Say(absl::StrFormat(
+      "  %lld of %lld features are kept, %zu of %lld points\n  %.1f kB per keyframe (%.1f per 1000 features)\n",
+      static_cast<long long>(report.packed.features_after), static_cast<long long>(report.packed.features_before),
+      report.packed.map->points().size(), static_cast<long long>(report.points_before), report.BytesPerKeyframe() / 1e3,
+      report.FeaturesPerKeyframe() > 0.0 ? report.BytesPerKeyframe() / report.FeaturesPerKeyframe() : 0.0));
   if (!report.queries) return;
   PrintSelfQueries(*report.queries);
 }

@@ -89,10 +89,15 @@ absl::StatusOr<PruneReport> RunPrune(const PruneCommand& command) {
 
 void PrintPrune(const PruneCommand& command, const PruneReport& report) {
   const care::PrunePlan& plan = report.plan;
-  std::printf("%s: %lld of %lld keyframes and %lld of %lld points %s\n", text::Shown(command.map).c_str(),
-              static_cast<long long>(plan.keyframes), static_cast<long long>(plan.keyframes + plan.keyframes_left),
-              static_cast<long long>(plan.points), static_cast<long long>(plan.points + plan.points_left),
-              command.dry_run ? "would go" : "are gone");
+  if (plan.keyframes + plan.keyframes_left == 0) {
+    std::printf("%s: it has no keyframes: nothing %s\n", text::Shown(command.map).c_str(),
+                command.dry_run ? "would go" : "is gone");
+  } else {
+    std::printf("%s: %lld of %lld keyframes and %lld of %lld points %s\n", text::Shown(command.map).c_str(),
+                static_cast<long long>(plan.keyframes), static_cast<long long>(plan.keyframes + plan.keyframes_left),
+                static_cast<long long>(plan.points), static_cast<long long>(plan.points + plan.points_left),
+                command.dry_run ? "would go" : "are gone");
+  }
   std::printf("  %.2f MB now, %.2f MB %s\n", static_cast<double>(plan.bytes_before) / 1e6,
               static_cast<double>(report.bytes_after.value_or(plan.bytes_after)) / 1e6,
               report.bytes_after ? "without them" : "once compacted");

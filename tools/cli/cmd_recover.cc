@@ -1,6 +1,7 @@
 // cairn recover: what is good of a damaged map, as a map.
 #include <cstdio>
 
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "cli/cli.h"
 #include "cli/findings.h"
@@ -37,19 +38,19 @@ nlohmann::ordered_json AsJson(const store::RecoverReport& report, const RecoverO
 std::string OfAll(std::int64_t kept, std::int64_t lost) { return lost < 0 ? "" : absl::StrCat(" of ", kept + lost); }
 
 void Print(const store::RecoverReport& report, const RecoverOptions& options) {
-  std::printf("%s: %lld%s keyframes and %lld%s points of %s\n", text::Shown(options.good).c_str(),
-              static_cast<long long>(report.keyframes), OfAll(report.keyframes, report.keyframes_lost).c_str(),
-              static_cast<long long>(report.points), OfAll(report.points, report.points_lost).c_str(),
-              text::Shown(options.bad).c_str());
+  text::Say(absl::StrFormat("%s: %lld%s keyframes and %lld%s points of %s\n", text::Shown(options.good),
+                            static_cast<long long>(report.keyframes), OfAll(report.keyframes, report.keyframes_lost),
+                            static_cast<long long>(report.points), OfAll(report.points, report.points_lost),
+                            text::Shown(options.bad)));
   constexpr std::size_t kMaxListed = 20;
   if (!report.lost_keyframes.empty()) {
     const std::size_t listed = std::min(kMaxListed, report.lost_keyframes.size());
     const std::vector<std::int64_t> first(report.lost_keyframes.begin(),
                                           report.lost_keyframes.begin() + static_cast<std::ptrdiff_t>(listed));
-    std::printf("  lost keyframes of which something was left: %s%s\n", absl::StrJoin(first, ", ").c_str(),
-                listed < report.lost_keyframes.size() ? ", ..." : "");
+    text::Say(absl::StrFormat("  lost keyframes of which something was left: %s%s\n", absl::StrJoin(first, ", "),
+                              listed < report.lost_keyframes.size() ? ", ..." : ""));
   }
-  for (const std::string& note : report.notes) std::printf("  %s\n", text::Shown(note).c_str());
+  for (const std::string& note : report.notes) text::Say(absl::StrFormat("  %s\n", text::Shown(note)));
 }
 
 }  // namespace

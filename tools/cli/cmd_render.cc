@@ -3,6 +3,7 @@
 #include <map>
 #include <memory>
 
+#include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
 #include "cli/loaded_map.h"
@@ -44,6 +45,7 @@ absl::StatusOr<Rendered> Render(const RenderOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("render", source.path()));
+  CAIRN_RETURN_IF_ERROR(RequireKeyframes(options.map, *loaded.map));
   Rendered rendered;
   rendered.components = TogetherInOneFrame(*loaded.map);
   if (options.component != 0) {
@@ -118,8 +120,8 @@ void AddRenderCommand(CLI::App& app, Action* action) {
                    {"points", rendered->points},
                    {"unit", rendered->unit}});
       } else {
-        std::printf("%s: %zu keyframes and %zu points of %s\n", text::Shown(options->out).c_str(), rendered->cameras,
-                    rendered->points, NameComponents(rendered->components).c_str());
+        text::Say(absl::StrFormat("%s: %zu keyframes and %zu points of %s\n", text::Shown(options->out),
+                                  rendered->cameras, rendered->points, NameComponents(rendered->components)));
       }
       return static_cast<int>(kOk);
     };

@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "absl/strings/str_format.h"
 #include "care/session_removal.h"
 #include "cli/cli.h"
 #include "cli/server_option.h"
@@ -33,18 +34,18 @@ absl::StatusOr<api::SessionRemoval> RemoveIt(const RemoveOptions& options) {
 }
 
 void PrintRemoval(const RemoveOptions& options, const api::SessionRemoval& removal) {
-  std::printf("%s: session %u is removed: %lld keyframes, and %lld points that nobody else sees\n",
-              text::Shown(options.map).c_str(), removal.session.value(), static_cast<long long>(removal.keyframes),
-              static_cast<long long>(removal.points));
+  text::Say(absl::StrFormat("%s: session %u is removed: %lld keyframes, and %lld points that nobody else sees\n",
+                            text::Shown(options.map), removal.session.value(),
+                            static_cast<long long>(removal.keyframes), static_cast<long long>(removal.points)));
   for (const ComponentId id : removal.removed_components) {
-    std::printf("  component %u was its alone, and is gone\n", id.value());
+    text::Say(absl::StrFormat("  component %u was its alone, and is gone\n", id.value()));
   }
   if (removal.adjusted_keyframes > 0) {
-    std::printf("  %lld keyframes of others adjusted: %.2f px, moved by %.2g %% of their depth\n",
-                static_cast<long long>(removal.adjusted_keyframes), removal.adjustment_rmse_px,
-                100.0 * removal.median_move_share);
+    text::Say(absl::StrFormat("  %lld keyframes of others adjusted: %.2f px, moved by %.2g %% of their depth\n",
+                              static_cast<long long>(removal.adjusted_keyframes), removal.adjustment_rmse_px,
+                              100.0 * removal.median_move_share));
   }
-  std::printf("  revision %llu\n", static_cast<unsigned long long>(removal.revision));
+  text::Say(absl::StrFormat("  revision %llu\n", static_cast<unsigned long long>(removal.revision)));
 }
 
 void PrintRemovalJson(const RemoveOptions& options, const api::SessionRemoval& removal) {

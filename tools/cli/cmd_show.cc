@@ -4,10 +4,12 @@
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
+#include "cli/loaded_map.h"
 #include "cli/map_to_read.h"
 #include "cli/session_report.h"
 #include "inspect/listing.h"
@@ -167,7 +169,7 @@ ordered_json Details(const map::Snapshot& map, inspect::Kind kind, std::uint32_t
   return {};
 }
 
-absl::Status DrawKeyframe(const map::Snapshot& map, const map::Keyframe& keyframe, const ShowOptions& options) {
+plot::ViewFigure FigureOf(const map::Snapshot& map, const map::Keyframe& keyframe) {
   plot::ViewFigure figure;
   const auto observations = inspect::Measure(map, keyframe);
   const auto error = inspect::ErrorRmsPx(observations);
@@ -187,9 +189,7 @@ absl::Status DrawKeyframe(const map::Snapshot& map, const map::Keyframe& keyfram
     figure.marks[observation.feature].has_point = true;
     figure.marks[observation.feature].error_px = observation.error_px;
   }
-  plot::FigureOptions to;
-  to.overwrite = options.overwrite;
-  return plot::WriteViewFigure(figure, options.picture, to);
+  return figure;
 }
 
 // Lists of objects as tables, everything else as "name: value".
@@ -232,6 +232,30 @@ void PrintValue(const std::string& key, const ordered_json& value) {
              stdout);
 }
 
+// What is told of it, and drawn.
+struct ShownEntity {
+  ordered_json json;
+  plot::ViewFigure figure;
+};
+
+absl::Status LookAt(const ShowOptions& options, const map::Snapshot& map, ShownEntity* shown) {
+  const inspect::Kind kind = kShownKinds.at(options.kind);
+  const std::optional<inspect::Listing> listing = inspect::ListOne(map, kind, options.id);
+  if (!listing) return absl::NotFoundError(absl::StrCat(options.map, ": there is no ", options.kind, " ", options.id));
+  shown->json = {{"map", options.map}, {"revision", map.revision()}};
+  for (std::size_t i = 0; i < listing->columns.size(); ++i) {
+    const inspect::Cell& cell = listing->rows[0][i];
+    ordered_json& value = shown->json[listing->columns[i].name];
+    if (cell.kind == inspect::Cell::Kind::kText) value = cell.text;
+    if (cell.kind == inspect::Cell::Kind::kFlag) value = cell.whole != 0;
+    if (cell.kind == inspect::Cell::Kind::kWhole) value = cell.whole;
+    if (cell.kind == inspect::Cell::Kind::kReal) value = cell.real;
+  }
+  shown->json.update(Details(map, kind, options.id));
+  if (!options.picture.empty()) shown->figure = FigureOf(map, map.keyframe(KeyframeId(options.id)));
+  return absl::OkStatus();
+}
+
 absl::Status Show(const ShowOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {InputFile(options.server, options.map)}));
@@ -239,32 +263,20 @@ absl::Status Show(const ShowOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
                          store::OpenMapStore(source.path(), store::OpenMode::kRead));
-  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
-  const inspect::Kind kind = kShownKinds.at(options.kind);
-  CAIRN_ASSIGN_OR_RETURN(const inspect::Listing listing,
-                         inspect::List(*map, kind, {"id", false, {absl::StrCat("id=", options.id)}, 0}));
-  if (listing.rows.empty()) {
-    return absl::NotFoundError(absl::StrCat(options.map, ": there is no ", options.kind, " ", options.id));
-  }
-  ordered_json json = {{"map", options.map}, {"revision", map->revision()}};
-  for (std::size_t i = 0; i < listing.columns.size(); ++i) {
-    const inspect::Cell& cell = listing.rows[0][i];
-    ordered_json& value = json[listing.columns[i].name];
-    if (cell.kind == inspect::Cell::Kind::kText) value = cell.text;
-    if (cell.kind == inspect::Cell::Kind::kFlag) value = cell.whole != 0;
-    if (cell.kind == inspect::Cell::Kind::kWhole) value = cell.whole;
-    if (cell.kind == inspect::Cell::Kind::kReal) value = cell.real;
-  }
-  json.update(Details(*map, kind, options.id));
+  ShownEntity shown;
+  const bool few = options.kind == "keyframe" || options.kind == "point";
+  CAIRN_RETURN_IF_ERROR(LookInto(*file, few, [&](const map::Snapshot& map) { return LookAt(options, map, &shown); }));
   if (!options.picture.empty()) {
-    CAIRN_RETURN_IF_ERROR(DrawKeyframe(*map, map->keyframe(KeyframeId(options.id)), options));
+    plot::FigureOptions to;
+    to.overwrite = options.overwrite;
+    CAIRN_RETURN_IF_ERROR(plot::WriteViewFigure(shown.figure, options.picture, to));
   }
   if (options.json) {
-    PrintJson(json);
+    PrintJson(shown.json);
     return absl::OkStatus();
   }
   std::printf("%s %u of %s\n", options.kind.c_str(), options.id, text::Shown(options.map).c_str());
-  for (const auto& [key, value] : json.items()) {
+  for (const auto& [key, value] : shown.json.items()) {
     if (key == "map" || key == "id") continue;
     if (value.is_array() && !value.empty() && value[0].is_object()) {
       PrintRows(key, value, key == "neighbours" ? kShownNeighbours : kShownSights);

@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/described_map.h"
 #include "cli/server_option.h"
@@ -39,10 +40,10 @@ absl::Status TakeSnapshot(const SnapshotOptions& options) {
   if (options.json) {
     PrintJson(SummaryAsJson(copy));
   } else {
-    std::printf("%s is a copy of %s at revision %llu: %lld keyframes, %lld points, %.1f MB\n",
-                text::Shown(copy.name).c_str(), text::Shown(options.map).c_str(),
-                static_cast<unsigned long long>(copy.revision), static_cast<long long>(copy.keyframes),
-                static_cast<long long>(copy.points), static_cast<double>(copy.file_bytes) / 1e6);
+    text::Say(absl::StrFormat("%s is a copy of %s at revision %llu: %lld keyframes, %lld points, %.1f MB\n",
+                              text::Shown(copy.name), text::Shown(options.map),
+                              static_cast<unsigned long long>(copy.revision), static_cast<long long>(copy.keyframes),
+                              static_cast<long long>(copy.points), static_cast<double>(copy.file_bytes) / 1e6));
   }
   return absl::OkStatus();
 }

@@ -9,6 +9,7 @@
 #include <memory>
 #include <vector>
 
+#include "absl/strings/str_format.h"
 #include "care/selection.h"
 #include "care/whole_map.h"
 #include "cli/cli.h"
@@ -77,8 +78,9 @@ void AllowOpenFiles(std::size_t more) {
 
 absl::StatusOr<std::vector<Part>> RunSplit(const SplitCommand& command) {
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("split", command.map));
+  CAIRN_RETURN_IF_ERROR(RequireKeyframes(command.map, *loaded.map));
   std::vector<Part> parts = PartsOf(command, *loaded.map);
-  if (parts.empty()) return absl::FailedPreconditionError(absl::StrCat(command.map, " has no keyframes"));
+  FreshFolder folder(command.out);
   std::error_code error;
   std::filesystem::create_directories(command.out, error);
   if (error) return absl::InvalidArgumentError(absl::StrCat(command.out, ": ", error.message()));
@@ -106,6 +108,7 @@ absl::StatusOr<std::vector<Part>> RunSplit(const SplitCommand& command) {
                                                command.overwrite, absl::StrCat("split off ", parts[i].name)));
   }
   for (const std::unique_ptr<store::MapStore>& store : written) CAIRN_RETURN_IF_ERROR(store->Close());
+  folder.Keep();
   return parts;
 }
 
@@ -120,8 +123,8 @@ void PrintSplit(const SplitCommand& command, const std::vector<Part>& parts) {
     return;
   }
   for (const Part& part : parts) {
-    std::printf("%s: %lld keyframes, %lld points\n", text::Shown(part.file).c_str(),
-                static_cast<long long>(part.keyframes), static_cast<long long>(part.points));
+    text::Say(absl::StrFormat("%s: %lld keyframes, %lld points\n", text::Shown(part.file),
+                              static_cast<long long>(part.keyframes), static_cast<long long>(part.points)));
   }
 }
 
@@ -151,6 +154,13 @@ void AddSplitCommand(CLI::App& app, Action* action) {
     *action = [=] {
       if (command->by.empty() == command->box.empty()) {
         return FailUsage("split", "give --by or --box", command->json);
+      }
+      for (std::size_t i = 0; !command->box.empty() && i < 3; ++i) {
+        if (command->box[i] < command->box[i + 3]) continue;
+        return FailUsage("split",
+                         absl::StrFormat("--box: %c0 is %g and %c1 %g: the smaller corner comes first", "XYZ"[i],
+                                         command -> box[i], "XYZ"[i], command -> box[i + 3]),
+                         command->json);
       }
       const absl::StatusOr<std::vector<Part>> parts = RunSplit(*command);
       if (!parts.ok()) return Fail("split", parts.status(), command->json);

@@ -113,6 +113,7 @@ void AddSynthMapCommand(CLI::App* synth, Action* action) {
                  "The copies look alike but for the flipped bits; if not given, like other places");
   verb->add_option("--flipped-bits", options->copies.flipped_bits,
                    "Share of each descriptor's bits that differ in all copies but the first")
+      ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   verb->add_option("--seed", options->copies.seed, "Of what differs")->capture_default_str();
   verb->add_flag("--overwrite", options->copies.overwrite, "Replace a map that exists");

@@ -318,39 +318,41 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
   }
   // Those that came too fast are frames of the camera, too, and have none.
   const std::int64_t due = summary.frames + summary.dropped;
-  std::printf("a pose for %lld of %lld frames (%.1f %%), %.2f ms median each (p99 %.2f)\n",
-              static_cast<long long>(summary.WithPose()), static_cast<long long>(due),
-              due > 0 ? 100.0 * static_cast<double>(summary.WithPose()) / static_cast<double>(due) : 0.0,
-              summary.track_ms.Percentile(0.5), summary.track_ms.Percentile(0.99));
+  text::Say(absl::StrFormat("a pose for %lld of %lld frames (%.1f %%), %.2f ms median each (p99 %.2f)\n",
+                            static_cast<long long>(summary.WithPose()), static_cast<long long>(due),
+                            due > 0 ? 100.0 * static_cast<double>(summary.WithPose()) / static_cast<double>(due) : 0.0,
+                            summary.track_ms.Percentile(0.5), summary.track_ms.Percentile(0.99)));
   for (const api::TrackState state : kStates) {
     const std::int64_t count = summary.of_state[static_cast<std::size_t>(state)];
     std::printf("  %-8s %6lld  %5.1f %%\n", api::TrackStateName(state), static_cast<long long>(count),
                 100.0 * share(count));
   }
   for (const auto& [reason, count] : summary.reasons) {
-    std::printf("  lost %lld times: %s\n", static_cast<long long>(count), text::Shown(reason).c_str());
+    text::Say(absl::StrFormat("  lost %lld times: %s\n", static_cast<long long>(count), text::Shown(reason)));
   }
-  std::printf("  %.2f s of processor time per second of video, reading the images included\n", cpu_per_s);
+  text::Say(
+      absl::StrFormat("  %.2f s of processor time per second of video, reading the images included\n", cpu_per_s));
   if (summary.elsewhere > 0) {
-    std::printf("  %lld in other components than those of the files, %s (cairn info)\n",
-                static_cast<long long>(summary.elsewhere), NameComponents(summary.together).c_str());
+    text::Say(absl::StrFormat("  %lld in other components than those of the files, %s (cairn info)\n",
+                              static_cast<long long>(summary.elsewhere), NameComponents(summary.together)));
   }
   if (summary.dropped > 0)
-    std::printf("  %lld frames came too fast: they were not tracked\n", static_cast<long long>(summary.dropped));
-  if (skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(skipped));
+    text::Say(absl::StrFormat("  %lld frames came too fast: they were not tracked\n",
+                              static_cast<long long>(summary.dropped)));
+  if (skipped > 0) text::Say(absl::StrFormat("  %lld images could not be used\n", static_cast<long long>(skipped)));
   if (summary.disconnected > 0) {
-    std::printf("  %lld frames without the server, in what was known of the map, up to %.1f s old\n",
-                static_cast<long long>(summary.disconnected), summary.map_age_s);
+    text::Say(absl::StrFormat("  %lld frames without the server, in what was known of the map, up to %.1f s old\n",
+                              static_cast<long long>(summary.disconnected), summary.map_age_s));
   }
   if (summary.focal_factor != 1.0) {
-    std::printf(
+    text::Say(absl::StrFormat(
         "  WARNING: the calibration does not fit the images, which show another one, with a focal length of about x "
         "%.3f: the poses are off, and less sure than usual; calibrate the camera\n",
-        summary.focal_factor);
+        summary.focal_factor));
   }
-  if (!summary.note.empty()) std::printf("  the map was not followed: %s\n", text::Shown(summary.note).c_str());
-  if (interrupted) std::printf("  interrupted: this is what was done until then\n");
-  if (!summary.metric) std::printf("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
+  if (!summary.note.empty()) text::Say(absl::StrFormat("  the map was not followed: %s\n", text::Shown(summary.note)));
+  if (interrupted) text::Say("  interrupted: this is what was done until then\n");
+  if (!summary.metric) text::Say("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
 
 absl::StatusOr<int> Track(const TrackOptions& options) {

@@ -1,15 +1,17 @@
 // cairn verify: whether a map is good, and what is wrong with it.
 #include <cstdio>
-#include <iostream>
 
 #include "cli/cli.h"
 #include "cli/findings.h"
+#include "cli/input_options.h"
 #include "cli/server_option.h"
 #include "host/inspect.h"
 #include "text/text.h"
 
 namespace cairn::cli {
 namespace {
+
+using text::WrappedOn;
 
 struct VerifyOptions {
   std::string map;
@@ -38,21 +40,23 @@ std::string Describe(const map::Finding& finding) {
 }
 
 void Print(const api::MapVerification& report, const VerifyOptions& options) {
-  for (const std::string& note : report.notes) std::cerr << "cairn verify: " << note << "\n";
-  for (const map::Finding& finding : report.findings) std::printf("%s\n", Describe(finding).c_str());
+  TellNotes("verify", report.notes);
+  for (const map::Finding& finding : report.findings) std::fputs(WrappedOn(stdout, Describe(finding)).c_str(), stdout);
   if (report.findings.empty() && report.summary) {
-    std::printf("%s: good. Revision %llu, %lld keyframes, %lld points: structure, checksums and references%s\n",
-                text::Shown(options.map).c_str(), static_cast<unsigned long long>(report.summary->revision),
-                static_cast<long long>(report.summary->keyframes), static_cast<long long>(report.summary->points),
-                options.deep ? ", words and geometry" : " (--deep also checks words and geometry)");
+    const std::string good = absl::StrCat(
+        text::Shown(options.map), ": good. Revision ", report.summary->revision, ", ", report.summary->keyframes,
+        " keyframes, ", report.summary->points, " points: structure, checksums and references",
+        options.deep ? ", words and geometry" : " (--deep also checks words and geometry)");
+    std::fputs(WrappedOn(stdout, good).c_str(), stdout);
     return;
   }
   const std::string file = options.server.empty() ? options.map : absl::StrCat("MAPS/", options.map, ".cairn");
-  std::printf(
-      "%s: DAMAGED, %zu finding%s. Keep the file as it is, and get back what is good with%s:\n"
-      "  cairn recover %s NEW.cairn\n",
-      text::Shown(options.map).c_str(), report.findings.size(), report.findings.size() == 1 ? "" : "s",
-      options.server.empty() ? "" : ", where the server keeps it", file.c_str());
+  const std::string damaged =
+      absl::StrCat(text::Shown(options.map), ": DAMAGED, ", report.findings.size(), " finding",
+                   report.findings.size() == 1 ? "" : "s", ". Keep the file as it is, and get back what is good with",
+                   options.server.empty() ? "" : ", where the server keeps it", ":");
+  std::fputs(WrappedOn(stdout, damaged).c_str(), stdout);
+  std::printf("  cairn recover %s NEW.cairn\n", text::Shown(file).c_str());
 }
 
 absl::StatusOr<api::MapVerification> Check(const VerifyOptions& options) {

@@ -5,9 +5,11 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <optional>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
+#include "absl/strings/str_format.h"
 #include "base/files.h"
 #include "cli/cli.h"
 #include "exchange/colmap.h"
@@ -128,11 +130,14 @@ absl::Status ExportModel(const ModelExport& options) {
   auto made = exchange::FromMap(*map, ComponentId(options.component));
   if (!made.ok()) return Annotate(made.status(), options.map);
   Reconstruction& model = *made;
+  std::optional<FreshFolder> folder;
+  if (MakesFolder(options.format)) folder.emplace(options.out);
   std::size_t images = 0;
   if (!options.images.empty()) {
     CAIRN_ASSIGN_OR_RETURN(images, AddImages(options, *map, &model));
   }
   CAIRN_RETURN_IF_ERROR(Writers().at(options.format)({*map, model, options}));
+  if (folder) folder->Keep();
   const exchange::ModelErrors errors = exchange::MeasureErrors(model);
   if (options.json) {
     nlohmann::ordered_json json = {
@@ -148,11 +153,11 @@ absl::Status ExportModel(const ModelExport& options) {
                  {"error_mean_of_points_px", errors.mean_of_points_px}});
     PrintJson(json);
   } else {
-    std::printf("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out).c_str(),
-                options.format.c_str(), model.images.size(), model.points.size(),
-                model.metric ? "the world, metres" : "map units");
-    if (!options.images.empty()) std::printf("  %zu images of keyframes\n", images);
-    std::printf("  reprojection error %.3f px on average, %.3f px RMS\n", errors.mean_px, errors.rms_px);
+    text::Say(absl::StrFormat("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out),
+                              options.format, model.images.size(), model.points.size(),
+                              model.metric ? "the world, metres" : "map units"));
+    if (!options.images.empty()) text::Say(absl::StrFormat("  %zu images of keyframes\n", images));
+    text::Say(absl::StrFormat("  reprojection error %.3f px on average, %.3f px RMS\n", errors.mean_px, errors.rms_px));
   }
   return absl::OkStatus();
 }

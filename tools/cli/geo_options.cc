@@ -7,6 +7,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
+#include "cli/outputs.h"
 #include "io/text_lines.h"
 #include "io/time_column.h"
 #include "map/geo_pose.h"
@@ -47,11 +48,11 @@ std::string AxisName(int index) { return std::string(1, static_cast<char>('x' + 
 absl::StatusOr<decltype(api::AlignRequest::by)> AnchorOf(const GeoOptions& options) {
   if (options.geo == "none") return api::NoGeoAnchor();
   const std::vector<absl::string_view> fields = io::SplitFields(options.geo);
-  if (fields.size() != 3) return absl::InvalidArgumentError("--geo takes \"LATITUDE LONGITUDE HEIGHT\", or none");
+  if (fields.size() != 3) return UsageError("--geo takes \"LATITUDE LONGITUDE HEIGHT\", or none");
   const absl::StatusOr<GeoPosition> position = PositionFrom(fields[0], fields[1], fields[2]);
-  if (!position.ok()) return Annotate(position.status(), "--geo");
+  if (!position.ok()) return UsageError(absl::StrCat("--geo: ", position.status().message()));
   CAIRN_ASSIGN_OR_RETURN(const Axes axes, AxesFrom(options.up));
-  if (!std::isfinite(options.heading_deg)) return absl::InvalidArgumentError("--heading must be a number of degrees");
+  if (!std::isfinite(options.heading_deg)) return UsageError("--heading must be a number of degrees");
   return map::AnchorAt(*position, map::EnuFromWorld(axes.up, axes.ahead, options.heading_deg));
 }
 

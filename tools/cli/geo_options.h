@@ -15,7 +15,7 @@ struct GeoOptions {
   std::string positions;      // file of geographic positions of keyframes
 };
 
-// From --geo: a GeoAnchor or NoGeoAnchor. InvalidArgument says what is wrong.
+// From --geo: a GeoAnchor or NoGeoAnchor. A UsageError says what is wrong.
 absl::StatusOr<decltype(api::AlignRequest::by)> AnchorOf(const GeoOptions& options);
 
 // Lines `time latitude longitude height`, or under a header that begins with "keyframe" `keyframe latitude longitude

@@ -1,5 +1,6 @@
 #include "cli/help_format.h"
 
+#include <set>
 #include <sstream>
 #include <vector>
 
@@ -22,6 +23,27 @@ std::string Beside(const std::string& text, std::size_t columns) {
   return absl::StrJoin(lines, "\n");
 }
 
+// What an option takes, one of many words perhaps, behind two blanks.
+std::string BrokenAtCommas(const std::string& text, const std::string& next_indent) {
+  std::string all, line = "  ";
+  for (const absl::string_view part : absl::StrSplit(text, ',')) {
+    const bool first = all.empty() && line.size() == 2;
+    if (!first) line += ',';
+    if (text::DisplayWidth(line) + text::DisplayWidth(part) + 1 > text::kTextColumns) {
+      absl::StrAppend(&all, line, "\n");
+      line = next_indent;
+    }
+    absl::StrAppend(&line, part);
+  }
+  return absl::StrCat(all, line).substr(2);
+}
+
+std::string NamesOf(const std::set<CLI::Option*>& options) {
+  std::set<std::string> names;  // the same order each time
+  for (const CLI::Option* option : options) names.insert(option->get_name());
+  return absl::StrJoin(names, ", ");
+}
+
 // Lines of prose; what is indented, as examples are, stays as it is.
 std::string Prose(const std::string& text) {
   std::string all;
@@ -37,8 +59,34 @@ std::string Prose(const std::string& text) {
 
 }  // namespace
 
+std::string HelpFormat::make_option(const CLI::Option* option, bool is_positional) const {
+  std::stringstream out;
+  CLI::detail::format_help(out,
+                           BrokenAtCommas(make_option_name(option, is_positional) + make_option_opts(option), "      "),
+                           make_option_desc(option), kNames);
+  return out.str();
+}
+
+std::string HelpFormat::make_option_name(const CLI::Option* option, bool is_positional) const {
+  const std::string name = CLI::Formatter::make_option_name(option, is_positional);
+  return name.substr(0, name.find('{'));  // what a flag means where it is given: "--alike{false}"
+}
+
+std::string HelpFormat::make_option_opts(const CLI::Option* option) const {
+  std::string options = CLI::Formatter::make_option_opts(option);
+  for (const char* label : {"Needs", "Excludes"}) {
+    if (const auto at = options.find(absl::StrCat(" ", get_label(label), ":")); at != std::string::npos) {
+      options.resize(at);
+    }
+  }
+  return options;
+}
+
 std::string HelpFormat::make_option_desc(const CLI::Option* option) const {
-  return Beside(CLI::Formatter::make_option_desc(option), kNames);
+  std::string text = CLI::Formatter::make_option_desc(option);
+  if (!option->get_needs().empty()) absl::StrAppend(&text, " (goes with ", NamesOf(option->get_needs()), ")");
+  if (!option->get_excludes().empty()) absl::StrAppend(&text, " (not with ", NamesOf(option->get_excludes()), ")");
+  return Beside(text, kNames);
 }
 
 std::string HelpFormat::make_subcommand(const CLI::App* verb) const {

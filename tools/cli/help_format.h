@@ -10,6 +10,10 @@ class HelpFormat : public CLI::Formatter {
  public:
   HelpFormat() { column_width(kNames); }
 
+  std::string make_option(const CLI::Option* option, bool is_positional) const override;
+  std::string make_option_name(const CLI::Option* option, bool is_positional) const override;
+  // Without what it needs and excludes, which its description ends with.
+  std::string make_option_opts(const CLI::Option* option) const override;
   std::string make_option_desc(const CLI::Option* option) const override;
   std::string make_subcommand(const CLI::App* verb) const override;
   std::string make_description(const CLI::App* verb) const override;

@@ -4,6 +4,9 @@
 #include <iostream>
 #include <string>
 
+#include "absl/strings/str_split.h"
+#include "text/text.h"
+
 namespace cairn::cli {
 namespace {
 
@@ -51,11 +54,20 @@ std::vector<std::string> InputFiles(const InputOptions& options) {
 }
 
 void TellNotes(const std::string& verb, const std::vector<std::string>& notes) {
-  for (const std::string& note : notes) std::cerr << "cairn " << verb << ": " << note << "\n";
+  for (const std::string& note : notes) {
+    std::string head = absl::StrCat("cairn ", verb, ": ");
+    for (const absl::string_view line : absl::StrSplit(note, '\n')) {
+      std::cerr << text::WrappedOn(stderr, absl::StrCat(head, text::Shown(line)));
+      head.clear();
+    }
+  }
 }
 
 absl::StatusOr<std::unique_ptr<io::FrameSource>> OpenInput(const InputOptions& options, const std::string& verb) {
   io::OpenOptions open = options.open;
+  if (open.until_s <= open.from_s) {
+    return UsageError(absl::StrCat("--until ", open.until_s, " is not later than --from ", open.from_s));
+  }
   CAIRN_ASSIGN_OR_RETURN(open.format, io::SequenceFormatFromName(options.format));
   absl::StatusOr<std::unique_ptr<io::FrameSource>> source = io::FrameSource::Open(options.sequence, open);
   if (source.ok()) TellNotes(verb, (*source)->info().notes);
@@ -66,7 +78,7 @@ void SkippedFrames::Add(const std::string& path, const absl::Status& status) {
   constexpr std::int64_t kMostTold = 5;
   ++count_;
   if (quiet_ || count_ > kMostTold) return;
-  std::cerr << "cairn " << verb_ << ": skipped " << path << ": " << status.message() << "\n";
+  TellNotes(verb_, {absl::StrCat("skipped ", path, ": ", status.message())});
   if (count_ == kMostTold) std::cerr << "cairn " << verb_ << ": further skipped images are only counted\n";
 }
 

@@ -6,6 +6,8 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
 #include "cli/cli.h"
 #include "io/text_lines.h"
 #include "text/text.h"
@@ -18,18 +20,17 @@ std::vector<std::string> WordsOf(absl::string_view text) {
   return {fields.begin(), fields.end()};
 }
 
-// X Y Z, and nothing else.
+// X Y Z, and nothing else: finite numbers.
 absl::StatusOr<Vector3d> VectorFrom(const std::vector<std::string>& words) {
   Vector3d vector;
   bool good = words.size() == 3;
   for (std::size_t i = 0; good && i < 3; ++i) {
     good = absl::SimpleAtod(words[i], &vector[static_cast<Eigen::Index>(i)]);
   }
-  if (good) return vector;
-  return absl::InvalidArgumentError(words.size() > 3
-                                        ? absl::StrCat("three numbers X Y Z are needed, not ", words.size(),
-                                                       " (a comma separates columns, the decimal sign is a point)")
-                                        : "three numbers X Y Z are needed");
+  if (good && vector.allFinite()) return vector;
+  return absl::InvalidArgumentError(
+      absl::StrCat("three numbers X Y Z are needed, not \"", absl::StrJoin(words, " "), "\"",
+                   words.size() > 3 ? " (a comma separates columns, the decimal sign is a point)" : ""));
 }
 
 // Takes its words from the front.
@@ -73,17 +74,36 @@ absl::StatusOr<std::vector<api::KnownPosition>> ReadPositions(const std::string&
   return positions;
 }
 
+bool SamePlace(const api::Landmark& a, const api::Landmark& b) {
+  const auto *seen_a = std::get_if<api::SeenAt>(&a), *seen_b = std::get_if<api::SeenAt>(&b);
+  if (seen_a != nullptr && seen_b != nullptr) {
+    return seen_a->keyframe == seen_b->keyframe && seen_a->pixel == seen_b->pixel;
+  }
+  const auto *point_a = std::get_if<PointId>(&a), *point_b = std::get_if<PointId>(&b);
+  if (point_a != nullptr && point_b != nullptr) return *point_a == *point_b;
+  const auto *keyframe_a = std::get_if<KeyframeId>(&a), *keyframe_b = std::get_if<KeyframeId>(&b);
+  return keyframe_a != nullptr && keyframe_b != nullptr && *keyframe_a == *keyframe_b;
+}
+
 absl::StatusOr<api::KnownDistance> DistanceFrom(const std::string& text) {
   std::vector<std::string> words = WordsOf(text);
   api::KnownDistance distance;
   const auto read = [&]() -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(distance.from, TakeLandmark(&words));
     CAIRN_ASSIGN_OR_RETURN(distance.to, TakeLandmark(&words));
-    if (words.size() == 1 && absl::SimpleAtod(words[0], &distance.metres)) return absl::OkStatus();
-    return absl::InvalidArgumentError("behind the two places stands how many metres they are apart");
+    if (SamePlace(distance.from, distance.to)) {
+      return absl::InvalidArgumentError("a known distance is between two places, not of one to itself");
+    }
+    if (words.size() != 1 || !absl::SimpleAtod(words[0], &distance.metres)) {
+      return absl::InvalidArgumentError("behind the two places stands how many metres they are apart");
+    }
+    api::KnownPlaces alone;
+    alone.distances = {distance};
+    return alone.Validate();
   };
-  CAIRN_RETURN_IF_ERROR(Annotate(read(), absl::StrCat("--distance \"", text, "\"")));
-  return distance;
+  const absl::Status status = read();
+  if (status.ok()) return distance;
+  return UsageError(absl::StrCat("--distance \"", text, "\": ", absl::StripPrefix(status.message(), "align: ")));
 }
 
 // 0: what was measured leaves nothing over that would tell.
@@ -105,7 +125,10 @@ absl::StatusOr<api::KnownPlaces> ReadKnownPlaces(const KnownPlacesOptions& optio
   known.upright_cameras = options.gravity == "cameras";
   if (!options.gravity.empty() && !known.upright_cameras) {
     const absl::StatusOr<Vector3d> gravity = VectorFrom(WordsOf(options.gravity));
-    if (!gravity.ok()) return Annotate(gravity.status(), "--gravity");
+    if (!gravity.ok()) return UsageError(absl::StrCat("--gravity: ", gravity.status().message()));
+    if (!(gravity->norm() > 1e-9)) {
+      return UsageError(absl::StrCat("--gravity \"", options.gravity, "\" has no direction"));
+    }
     known.gravity = *gravity;
   }
   return known;
@@ -125,11 +148,12 @@ void PrintKnownAlignment(const std::string& map, const api::AlignAnswer& answer,
                {"rotation_sigma_deg", SigmaAsJson(rotation_deg)}});
     return;
   }
-  std::printf("%s, component %u, is aligned: scale %.4f %s, rotation %s\n", text::Shown(map).c_str(),
-              aligned.component.value(), aligned.world_from_component.scale(),
-              SigmaText(100.0 * aligned.scale_sigma, "%").c_str(), SigmaText(rotation_deg, "deg").c_str());
+  text::Say(absl::StrFormat("%s, component %u, is aligned: scale %.4f %s, rotation %s\n", text::Shown(map),
+                            aligned.component.value(), aligned.world_from_component.scale(),
+                            SigmaText(100.0 * aligned.scale_sigma, "%"), SigmaText(rotation_deg, "deg")));
   if (aligned.errors_m.empty()) return;
-  std::printf("  what is known is off by %.4f m (RMSE of %zu)\n", aligned.rmse_all_m, aligned.errors_m.size());
+  text::Say(
+      absl::StrFormat("  what is known is off by %.4f m (RMSE of %zu)\n", aligned.rmse_all_m, aligned.errors_m.size()));
 }
 
 }  // namespace cairn::cli

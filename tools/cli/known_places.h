@@ -17,6 +17,7 @@ struct KnownPlacesOptions {
   bool empty() const { return positions.empty() && distances.empty() && gravity.empty(); }
 };
 
+// Errors of the file name its line; those of the options are UsageErrors.
 absl::StatusOr<api::KnownPlaces> ReadKnownPlaces(const KnownPlacesOptions& options);
 void PrintKnownAlignment(const std::string& map, const api::AlignAnswer& answer, bool json);
 

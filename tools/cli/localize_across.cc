@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "cli/cli.h"
 #include "cli/localize_answer.h"
@@ -98,7 +99,7 @@ nlohmann::ordered_json AsJson(const api::AcrossAnswer& across, const std::string
     if (answer.status.ok()) {
       json.update(AnswerToJson(answer.answer, image, time_ns));
     } else {
-      json["error"] = std::string(answer.status.message());
+      json["error"] = answer.status.message();
     }
   }
   nlohmann::ordered_json json = {{"image", image},
@@ -119,14 +120,13 @@ void Print(const api::AcrossAnswer& across, const std::string& image) {
                                          : "the image fits several places of one map about as well: %s\n",
                 text::Shown(absl::StrJoin(across.rivals, ", ")).c_str());
   }
-  if (across.answers.empty()) std::printf("there is no map\n");
+  if (across.answers.empty()) text::Say("there is no map\n");
   for (const api::AnswerOfMap& answer : across.answers) {
     if (across.located() != nullptr && answer.status.ok() && !answer.answer.localized) continue;
-    std::printf("%s: ", text::Shown(answer.map).c_str());
     if (answer.status.ok()) {
-      PrintLocalizeAnswer(answer.answer, image);
+      PrintLocalizeAnswer(answer.answer, image, absl::StrCat(text::Shown(answer.map), ": "));
     } else {
-      std::printf("%s\n", std::string(answer.status.message()).c_str());
+      text::Say(absl::StrFormat("%s\n", answer.status.message()));
     }
   }
 }

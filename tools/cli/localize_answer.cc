@@ -88,20 +88,22 @@ nlohmann::ordered_json AnswerToJson(const api::LocalizeAnswer& answer, const std
   return json;
 }
 
-void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& path) {
+void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& path, const std::string& head) {
   const std::string name = std::filesystem::path(path).filename().string();
   if (answer.localized) {
     const Vector3d& t = (InWorld(answer) ? answer.world_from_camera : answer.map_from_camera).translation();
-    std::printf("%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", text::Shown(name).c_str(), t.x(), t.y(), t.z(),
-                InWorld(answer) ? "m" : "(map units)", answer.counts.inliers, answer.extract_ms + answer.locate_ms);
-    if (answer.components > 1) std::printf(", in component %u", answer.component.value());
+    std::string told = absl::StrFormat("%s%s: at %.4f %.4f %.4f %s, %d inliers, %.0f ms", head, text::Shown(name),
+                                       t.x(), t.y(), t.z(), InWorld(answer) ? "m" : "(map units)",
+                                       answer.counts.inliers, answer.extract_ms + answer.locate_ms);
+    if (answer.components > 1) absl::StrAppend(&told, ", in component ", answer.component.value());
     if (answer.focal_factor != 1.0) {
-      std::printf(", but the calibration does not fit: %s", WhatFits(answer.focal_factor).c_str());
+      absl::StrAppend(&told, ", but the calibration does not fit: ", WhatFits(answer.focal_factor));
     }
-    std::printf("\n");
+    std::fputs(text::WrappedOn(stdout, told).c_str(), stdout);
   } else {
-    std::printf("%s: not located at stage \"%s\": %s\n", text::Shown(name).c_str(),
-                api::LocalizeStageName(answer.stage), text::Shown(answer.reason).c_str());
+    const std::string told = absl::StrCat(head, text::Shown(name), ": not located at stage \"",
+                                          api::LocalizeStageName(answer.stage), "\": ", text::Shown(answer.reason));
+    std::fputs(text::WrappedOn(stdout, told).c_str(), stdout);
     PrintRivals(answer);
   }
 }

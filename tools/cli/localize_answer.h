@@ -10,6 +10,7 @@
 namespace cairn::cli {
 
 nlohmann::ordered_json AnswerToJson(const api::LocalizeAnswer& answer, const std::string& path, TimeNs time_ns);
-void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& path);
+// `head`: what its line begins with.
+void PrintLocalizeAnswer(const api::LocalizeAnswer& answer, const std::string& path, const std::string& head = "");
 
 }  // namespace cairn::cli

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -151,6 +152,23 @@ std::string EmptyValue(const std::vector<std::string>& arguments) {
   return "";
 }
 
+// A number that is none passes every range that options are checked against.
+std::string NotANumber(const CLI::App& app) {
+  for (const CLI::Option* option : app.get_options()) {
+    if (!absl::StartsWith(option->get_type_name(), "FLOAT")) continue;
+    for (const std::string& given : option->results()) {
+      double number = 0.0;
+      if (absl::SimpleAtod(given, &number) && std::isnan(number)) {
+        return absl::StrCat(option->get_name(), ": ", given, " is no number");
+      }
+    }
+  }
+  for (const CLI::App* verb : app.get_subcommands()) {
+    if (std::string found = NotANumber(*verb); !found.empty()) return found;
+  }
+  return "";
+}
+
 int ParseAndRun(Call* call) {
   using namespace cairn::cli;
   if (const auto level = cairn::RequestedSimdLevel(); !level.ok()) {
@@ -226,6 +244,7 @@ int ParseAndRun(Call* call) {
     const std::string help = absl::StrCat("; see cairn ", call->verb, call->verb.empty() ? "" : " ", "--help");
     return FailUsage(call->verb, absl::StrCat(InPlainNumbers(app, error.what()), call->json ? "" : help), call->json);
   }
+  if (const std::string found = NotANumber(app); !found.empty()) return FailUsage(call->verb, found, call->json);
   const std::string verb = app.get_subcommands().front()->get_name();
   if (!ServerOf(app).address.empty() && !AsksServers(verb)) {
     return FailUsage(verb, "it works on files: not with --server", call->json);

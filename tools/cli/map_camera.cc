@@ -53,9 +53,13 @@ absl::StatusOr<Camera> CameraOfSize(const std::vector<Camera>& cameras, cv::Size
     found = &camera;
   }
   if (found != nullptr) return *found;
-  return absl::InvalidArgumentError(absl::StrCat(
-      photo, " has ", size.width, "x", size.height, " pixels, and the map's cameras take ",
-      sizes.empty() ? "none" : absl::StrJoin(sizes, ", "), ": it needs its calibration, give --camera camera.yaml"));
+  if (cameras.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        photo, " needs its calibration, as the map has no camera yet, nor any keyframes: give --camera camera.yaml"));
+  }
+  return absl::InvalidArgumentError(absl::StrCat(photo, " has ", size.width, "x", size.height,
+                                                 " pixels, and the map's cameras take ", absl::StrJoin(sizes, ", "),
+                                                 ": it needs its calibration, give --camera camera.yaml"));
 }
 
 absl::StatusOr<Camera> CameraOfMaps(const std::vector<CamerasOfMap>& maps, cv::Size size, const std::string& photo) {

@@ -138,11 +138,12 @@ void PrintDoubt(const engine::SessionReport& report) {
   if (!report.quality) return;
   const PoseQuality count = CountQuality(report);
   if (!report.quality->warning.empty()) {
-    std::printf("NOT RELIABLE (quality %.2f, limit %.2f): %s\n", report.quality->quality, mapping::kQualityLimit,
-                report.quality->warning.c_str());
+    text::Say(absl::StrFormat("NOT RELIABLE (quality %.2f, limit %.2f): %s\n", report.quality->quality,
+                              mapping::kQualityLimit, report.quality->warning));
   } else if (2 * count.below > count.poses) {
-    std::printf("NOT RELIABLE: %lld of %lld poses have a quality below %.2f (--quality FILE tells which)\n",
-                static_cast<long long>(count.below), static_cast<long long>(count.poses), mapping::kQualityLimit);
+    text::Say(absl::StrFormat(
+        "NOT RELIABLE: %lld of %lld poses have a quality below %.2f (--quality FILE tells which)\n",
+        static_cast<long long>(count.below), static_cast<long long>(count.poses), mapping::kQualityLimit));
   }
 }
 
@@ -155,10 +156,10 @@ int ContradictCalibration(const engine::SessionReport& report) {
 
 void PrintCalibration(const engine::SessionReport& report) {
   if (const int keyframes = ContradictCalibration(report); keyframes > 0) {
-    std::printf(
+    text::Say(absl::StrFormat(
         "WARNING: the calibration does not fit: %d keyframes show another focal length, or principal point, against "
         "the rest of the map; what was mapped is bent, and not joined where it shows; calibrate the camera\n",
-        keyframes);
+        keyframes));
   }
 }
 
@@ -198,15 +199,16 @@ std::string WhereItIs(const engine::SessionReport& report, const map::Session& s
 void PrintShares(const engine::SessionReport& report, const map::Session& session) {
   const auto with_frames = std::ranges::count_if(report.components, [](const auto& share) { return share.frames > 0; });
   if (with_frames < 2) return;
-  std::printf(
+  text::Say(absl::StrFormat(
       "  this session is in %lld components: tracking was lost, and began anew where nothing known was seen.\n"
       "  Each is right in itself, but how they lie to each other is not known; files hold component %u alone\n",
-      static_cast<long long>(with_frames), ComponentOfFiles(report).value());
+      static_cast<long long>(with_frames), ComponentOfFiles(report).value()));
   for (const engine::ComponentShare& share : report.components) {
     if (share.frames == 0) continue;
-    std::printf("    component %u: %lld keyframes, %lld frames from %.1f to %.1f s\n", share.id.value(),
-                static_cast<long long>(share.keyframes), static_cast<long long>(share.frames),
-                ToSeconds(share.first_ns - session.first_ns), ToSeconds(share.last_ns - session.first_ns));
+    text::Say(absl::StrFormat("    component %u: %lld keyframes, %lld frames from %.1f to %.1f s\n", share.id.value(),
+                              static_cast<long long>(share.keyframes), static_cast<long long>(share.frames),
+                              ToSeconds(share.first_ns - session.first_ns),
+                              ToSeconds(share.last_ns - session.first_ns)));
   }
 }
 
@@ -257,36 +259,40 @@ void PrintForPeople(const RunOptions& options, const engine::SessionReport& repo
                     std::optional<std::int64_t> live_poses) {
   PrintDoubt(report);
   PrintCalibration(report);
-  std::printf("%s: %lld keyframes, %lld points\n", text::Shown(options.map).c_str(),
-              static_cast<long long>(report.keyframes), static_cast<long long>(report.points));
-  if (const std::string where = WhereItIs(report, session); !where.empty()) std::printf("  %s\n", where.c_str());
+  text::Say(absl::StrFormat("%s: %lld keyframes, %lld points\n", text::Shown(options.map),
+                            static_cast<long long>(report.keyframes), static_cast<long long>(report.points)));
+  if (const std::string where = WhereItIs(report, session); !where.empty()) text::Say(absl::StrFormat("  %s\n", where));
   for (const mapping::JoinReport& join : report.joins) {
     if (!join.gap) continue;
-    std::printf(
+    text::Say(absl::StrFormat(
         "  components %u and %u were both aligned to the world, %.3f m and %.2f deg apart where they meet: the "
         "alignment of %u stays\n",
-        join.component.value(), join.into.value(), join.gap->shift, join.gap->turn_deg, join.into.value());
+        join.component.value(), join.into.value(), join.gap->shift, join.gap->turn_deg, join.into.value()));
   }
   PrintFeed(feed, info, report.frames_tracked, interrupt);
-  std::printf("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
-              report.frame_ms.Percentile(0.5), report.frame_ms.mean(), report.keyframe_ms.Percentile(0.5));
+  text::Say(
+      absl::StrFormat("  per frame %.2f ms median, %.2f ms mean; per keyframe %.0f ms median in the feature module\n",
+                      report.frame_ms.Percentile(0.5), report.frame_ms.mean(), report.keyframe_ms.Percentile(0.5)));
   PrintLoopsAndTrajectory(session, "  ");
   PrintShares(report, session);
-  if (report.lens) std::printf("  lens %s\n", report.lens->reason.c_str());
-  std::printf("  keyframes of the odometry in the feature module: %s\n", StateSummary(report.keyframe_reports).c_str());
+  if (report.lens) text::Say(absl::StrFormat("  lens %s\n", report.lens->reason));
+  text::Say(absl::StrFormat("  keyframes of the odometry in the feature module: %s\n",
+                            StateSummary(report.keyframe_reports)));
   if (report.odometry.recoveries > 0) {
-    std::printf("  the odometry began at a view that the map knows: %lld of %lld starts\n",
-                static_cast<long long>(report.odometry.recoveries), static_cast<long long>(report.odometry.segments));
+    text::Say(absl::StrFormat("  the odometry began at a view that the map knows: %lld of %lld starts\n",
+                              static_cast<long long>(report.odometry.recoveries),
+                              static_cast<long long>(report.odometry.segments)));
   }
   if (report.feature_losses > 0) {
-    std::printf("  the feature map was lost %lld times%s\n", static_cast<long long>(report.feature_losses),
-                report.odometry.segments < 2 ? "; the odometry bridged it" : "");
+    text::Say(absl::StrFormat("  the feature map was lost %lld times%s\n",
+                              static_cast<long long>(report.feature_losses),
+                              report.odometry.segments < 2 ? "; the odometry bridged it" : ""));
   }
   if (live_poses) {
-    std::printf("  %lld of %lld frames had a pose in the map when they were tracked\n",
-                static_cast<long long>(*live_poses), static_cast<long long>(report.frames));
+    text::Say(absl::StrFormat("  %lld of %lld frames had a pose in the map when they were tracked\n",
+                              static_cast<long long>(*live_poses), static_cast<long long>(report.frames)));
     if (!feed.realtime && !options.session.deterministic) {
-      std::printf("  read as fast as possible, frames are ahead of the map: --realtime answers as for a live camera\n");
+      text::Say("  read as fast as possible, frames are ahead of the map: --realtime answers as for a live camera\n");
     }
   }
 }

@@ -82,6 +82,8 @@ absl::Status CheckWritable(const std::string& path, bool overwrite, bool is_map)
 
 namespace {
 
+bool BelongsTo(const fs::path& file, const fs::path& map) { return !map.empty() && MapOf(file) == map; }
+
 // A file as the disk knows it.
 struct Identity {
   fs::path path;  // without links and dots
@@ -93,6 +95,8 @@ Identity Identify(const std::string& path) {
   std::error_code error;
   Identity identity;
   identity.path = fs::weakly_canonical(fs::absolute(path, error), error);
+  // What has no name on the disk, as a pipe at /dev/fd/63.
+  if (identity.path.empty()) identity.path = fs::absolute(path, error).lexically_normal();
   // A link to what is not there yet.
   for (int i = 0; i < 40 && fs::is_symlink(identity.path, error); ++i) {
     const fs::path target = fs::read_symlink(identity.path, error);
@@ -165,7 +169,7 @@ absl::Status CheckDistinct(const std::vector<std::string>& outputs, const std::v
         return absl::InvalidArgumentError(
             absl::StrCat(output, " is named twice, or is an input: give each output a file of its own"));
       }
-      if (MapOf(identity.path) == other.path || MapOf(other.path) == identity.path) {
+      if (BelongsTo(identity.path, other.path) || BelongsTo(other.path, identity.path)) {
         return absl::InvalidArgumentError(
             absl::StrCat(output, " has the name of a file that belongs to a map: choose another name"));
       }
@@ -173,6 +177,19 @@ absl::Status CheckDistinct(const std::vector<std::string>& outputs, const std::v
     taken.push_back(identity);
   }
   return absl::OkStatus();
+}
+
+FreshFolder::FreshFolder(const std::string& path) {
+  std::error_code error;
+  for (fs::path at = fs::absolute(path, error).lexically_normal(); !at.empty() && !fs::exists(at, error);
+       at = at.parent_path()) {
+    if (at.has_filename()) outermost_ = at.string();  // "folder/" is called as "folder"
+  }
+}
+
+FreshFolder::~FreshFolder() {
+  std::error_code ignored;
+  if (!outermost_.empty()) fs::remove_all(outermost_, ignored);
 }
 
 absl::Status AfterError(const absl::Status& error, const std::vector<std::string>& outputs,
@@ -193,7 +210,7 @@ absl::Status AfterError(const absl::Status& error, const std::vector<std::string
 absl::Status CheckPicture(const std::string& path) {
   const std::string extension = fs::path(path).extension().string();
   if (path.empty() || extension == ".png" || extension == ".svg") return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat(path, ": a picture's name has to end in .png or .svg"));
+  return UsageError(absl::StrCat(path, ": a picture's name has to end in .png or .svg"));
 }
 
 }  // namespace cairn::cli

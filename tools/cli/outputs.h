@@ -18,7 +18,24 @@ absl::Status CheckWritable(const std::string& path, bool overwrite, bool is_map 
 // Empty names count for nothing.
 absl::Status CheckDistinct(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
 
-// InvalidArgument unless the name is empty or ends in .png or .svg.
+// A folder that a verb makes: if it was not there before, it is gone with all that was put into it, and with the
+// folders around it that were made for it, unless it is kept.
+class FreshFolder {
+ public:
+  explicit FreshFolder(const std::string& path);
+  ~FreshFolder();
+  FreshFolder(const FreshFolder&) = delete;
+  FreshFolder& operator=(const FreshFolder&) = delete;
+  void Keep() { outermost_.clear(); }
+
+ private:
+  std::string outermost_;  // of the folders that were not there; empty: there is nothing to remove
+};
+
+// InvalidArgument, of a mistake in the call itself: Fail() (cli.h) ends with the exit code of usage errors.
+absl::Status UsageError(const std::string& message);
+
+// UsageError unless the name is empty or ends in .png or .svg.
 absl::Status CheckPicture(const std::string& path);
 
 // The error that ended a verb early, with what became of the outputs that could still be written: `written` is the

@@ -4,10 +4,12 @@
 #include <iostream>
 #include <optional>
 
+#include "absl/strings/str_format.h"
 #include "base/guarded.h"
 #include "cli/process_memory.h"
 #include "cli/sample_statistics.h"
 #include "direct/odometry.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 namespace {
@@ -120,20 +122,23 @@ void AddFeedJson(const FeedReport& report, const io::SourceInfo& info, std::int6
 
 void PrintFeed(const FeedReport& report, const io::SourceInfo& info, std::int64_t frames_tracked,
                const InterruptWatch& interrupt) {
-  std::printf("  tracked %lld of %lld frames (%.1f %%) in %.1f s, %.1f x real time; at most %.0f MB of memory\n",
-              static_cast<long long>(frames_tracked), static_cast<long long>(info.num_frames),
-              100.0 * Share(frames_tracked, info.num_frames), report.elapsed_s, RealtimeFactor(report), PeakMemoryMb());
+  text::Say(absl::StrFormat(
+      "  tracked %lld of %lld frames (%.1f %%) in %.1f s, %.1f x real time; at most %.0f MB of memory\n",
+      static_cast<long long>(frames_tracked), static_cast<long long>(info.num_frames),
+      100.0 * Share(frames_tracked, info.num_frames), report.elapsed_s, RealtimeFactor(report), PeakMemoryMb()));
   if (report.realtime) {
-    std::printf("  played as a live camera: %lld frames dropped; from frame to pose %.2f ms median, %.2f ms p99\n",
-                static_cast<long long>(report.dropped), report.latency_ms.Percentile(0.5),
-                report.latency_ms.Percentile(0.99));
+    text::Say(absl::StrFormat(
+        "  played as a live camera: %lld frames dropped; from frame to pose %.2f ms median, %.2f ms p99\n",
+        static_cast<long long>(report.dropped), report.latency_ms.Percentile(0.5), report.latency_ms.Percentile(0.99)));
   }
-  if (report.skipped > 0) std::printf("  %lld images could not be used\n", static_cast<long long>(report.skipped));
+  if (report.skipped > 0)
+    text::Say(absl::StrFormat("  %lld images could not be used\n", static_cast<long long>(report.skipped)));
   if (report.gaps > 0) {
-    std::printf("  %d gaps without images, the longest %.1f s at %.1f s: what comes after one may be misplaced\n",
-                report.gaps, report.longest_gap_s, report.longest_gap_at_s);
+    text::Say(absl::StrFormat(
+        "  %d gaps without images, the longest %.1f s at %.1f s: what comes after one may be misplaced\n", report.gaps,
+        report.longest_gap_s, report.longest_gap_at_s));
   }
-  if (interrupt.exit_code() != 0) std::printf("  interrupted: this is what was done until then\n");
+  if (interrupt.exit_code() != 0) text::Say("  interrupted: this is what was done until then\n");
 }
 
 }  // namespace cairn::cli

@@ -120,7 +120,7 @@ absl::StatusOr<MapRun> PrepareMapRun(const RunOptions& options) {
       {"poses_given", !options.poses.empty()}};
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<engine::LiveMap> map,
                          options.extend ? OpenToExtend(options) : CreateMap(options, info, settings.dump()));
-  for (const std::string& note : map->notes()) std::cerr << "cairn run: " << note << "\n";
+  TellNotes("run", map->notes());
   engine::SessionSource session_source = ToSessionSource(info);
   session_source.settings_json = settings.dump();
   session_source.camera_name = options.camera_name;

@@ -1,11 +1,13 @@
 // cairn run --odometry-only: the poses of a sequence's frames by the direct odometry alone.
 #include <cstdio>
 
+#include "absl/strings/str_format.h"
 #include "base/guarded.h"
 #include "cli/run_options.h"
 #include "cli/sample_statistics.h"
 #include "engine/odometry_session.h"
 #include "io/trajectory.h"
+#include "text/text.h"
 
 namespace cairn::cli {
 
@@ -53,17 +55,17 @@ void PrintReport(const RunOptions& options, const engine::OdometryReport& report
     PrintJson(json);
     return;
   }
-  std::printf("%s: %lld keyframes of the odometry\n", info.name.c_str(), keyframes);
+  text::Say(absl::StrFormat("%s: %lld keyframes of the odometry\n", info.name, keyframes));
   PrintFeed(feed, info, report.frames_tracked, interrupt);
-  std::printf("  per frame %.2f ms median, %.2f ms mean; tracking alone %.2f ms median, %.2f ms mean\n",
-              report.frame_ms.Percentile(0.5), report.frame_ms.mean(), report.odometry.track.samples_ms.Percentile(0.5),
-              report.odometry.track.samples_ms.mean());
+  text::Say(absl::StrFormat("  per frame %.2f ms median, %.2f ms mean; tracking alone %.2f ms median, %.2f ms mean\n",
+                            report.frame_ms.Percentile(0.5), report.frame_ms.mean(),
+                            report.odometry.track.samples_ms.Percentile(0.5), report.odometry.track.samples_ms.mean()));
   if (report.segments > 1) {
-    std::printf(
+    text::Say(absl::StrFormat(
         "  tracking was lost and started anew: %lld segments, each with an origin and a scale of its own;\n"
         "  files hold the longest, segment %lld with %lld frames\n",
         static_cast<long long>(report.segments), static_cast<long long>(report.longest_segment + 1),
-        static_cast<long long>(report.longest_segment_frames));
+        static_cast<long long>(report.longest_segment_frames)));
   }
 }
 

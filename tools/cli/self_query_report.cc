@@ -1,5 +1,6 @@
 #include "cli/self_query_report.h"
 
+#include <cmath>
 #include <cstdio>
 
 #include "absl/strings/str_format.h"
@@ -16,10 +17,13 @@ nlohmann::ordered_json QueriesAsJson(const care::QueryCount& count) {
           {"relocalization_loss_at_most", count.LossAtMost()}};
 }
 
+// In percent, as it is printed: what is lost below zero, nothing as 0 and not as -0.
+double PointsLost(double share) { return std::round(-1000.0 * share) / 10.0 + 0.0; }
+
 void PrintQueries(const char* what, const care::QueryCount& count) {
   std::fputs(text::Wrapped(absl::StrFormat("of %d %s %d were found, then %d: %+.1f points, no worse than %+.1f (95 %%)",
                                            count.views, what, count.found_before, count.found_after,
-                                           -100.0 * count.loss(), -100.0 * count.LossAtMost()),
+                                           PointsLost(count.loss()), PointsLost(count.LossAtMost())),
                            "    ", "      ")
                  .c_str(),
              stdout);

@@ -51,8 +51,8 @@ absl::Status WriteHeatFigure(const HeatFigure& figure, const std::string& path, 
   canvas.Text({kHeatLeft, 24.0}, figure.title, {.size_pt = 14.0, .bold = true});
   canvas.Text({kHeatLeft, 46.0}, figure.subtitle);
   const Axes axes(area, x, y, true);
-  axes.Draw(canvas, absl::StrCat("along the largest extent [", figure.axis_unit, "]"),
-            absl::StrCat("across [", figure.axis_unit, "]"));
+  axes.Draw(canvas, absl::StrCat(figure.axes[0], " [", figure.axis_unit, "]"),
+            absl::StrCat(figure.axes[1], " [", figure.axis_unit, "]"));
   canvas.SetClip(area);
   for (const Eigen::Vector2d& point : figure.points) {
     canvas.Disc(axes.ToPage(point.x(), point.y()), 0.7, Color{0.25, 0.25, 0.30, 0.30});

@@ -61,7 +61,8 @@ struct PlottedMatch {
   bool inlier = false;
 };
 
-// Two images side by side, with lines between what is matched.
+// Two images side by side, with lines between what is matched; one alone, with its features, if the right one has no
+// size.
 struct MatchFigure {
   std::string title = {};
   std::string subtitle = {};
@@ -89,6 +90,7 @@ struct HeatFigure {
   std::string title = {};
   std::string subtitle = {};
   std::string axis_unit = {};  // "m"
+  std::string axes[2] = {"along the largest extent", "across"};
   double cell_size = 1.0;
   std::vector<HeatCell> cells = {};
   std::vector<HeatMark> marks = {};

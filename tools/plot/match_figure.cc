@@ -39,7 +39,9 @@ void DrawSide(Canvas& canvas, const Side& side, const MatchedView& view) {
 
 absl::Status WriteMatchFigure(const MatchFigure& figure, const std::string& path, const FigureOptions& options) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
+  const bool alone = figure.right.width_px == 0 && figure.right.height_px == 0;
   for (const MatchedView* view : {&figure.left, &figure.right}) {
+    if (alone && view == &figure.right) continue;
     if (view->width_px <= 0 || view->height_px <= 0) {
       return absl::InvalidArgumentError("match figure: an image has no positive size");
     }
@@ -49,14 +51,14 @@ absl::Status WriteMatchFigure(const MatchFigure& figure, const std::string& path
   }
   const double width = (options.width_pt - 2.0 * kMatchMargin - kMatchGap) / 2.0;
   const Side left = MakeSide(kMatchMargin, width, figure.left);
-  const Side right = MakeSide(kMatchMargin + width + kMatchGap, width, figure.right);
+  const Side right = alone ? Side() : MakeSide(kMatchMargin + width + kMatchGap, width, figure.right);
   const double bottom = std::max(left.area.bottom(), right.area.bottom());
   CAIRN_ASSIGN_OR_RETURN(Canvas canvas,
                          Canvas::Create(path, options.width_pt, bottom + kMatchBottom, options.pixel_scale));
   canvas.Text({kMatchMargin, 26.0}, figure.title, {.size_pt = 14.0, .bold = true});
   canvas.Text({kMatchMargin, 48.0}, figure.subtitle);
   DrawSide(canvas, left, figure.left);
-  DrawSide(canvas, right, figure.right);
+  if (!alone) DrawSide(canvas, right, figure.right);
   int inliers = 0;
   for (const bool inlier : {false, true}) {
     for (const PlottedMatch& match : figure.matches) {
@@ -69,10 +71,12 @@ absl::Status WriteMatchFigure(const MatchFigure& figure, const std::string& path
       canvas.Disc(b, 1.8, color);
     }
   }
-  canvas.Text({kMatchMargin, bottom + 24.0},
-              absl::StrCat("green: ", inliers, " matches that agree with a pose; red: ",
+  canvas.Text(
+      {kMatchMargin, bottom + 24.0},
+      alone ? "gray: features"
+            : absl::StrCat("green: ", inliers, " matches that agree with a pose; orange: ",
                            figure.matches.size() - static_cast<std::size_t>(inliers), " that do not; gray: features"),
-              {.size_pt = 10.0});
+      {.size_pt = 10.0});
   return canvas.Finish(options.overwrite);
 }
 

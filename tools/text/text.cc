@@ -1,5 +1,7 @@
 #include "text/text.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <cstdint>
 
@@ -67,6 +69,21 @@ std::string Wrapped(absl::string_view text, absl::string_view indent, absl::stri
     empty = false;
   }
   return absl::StrCat(all, line, "\n");
+}
+
+std::string WrappedOn(std::FILE* stream, absl::string_view text, absl::string_view indent,
+                      absl::string_view next_indent) {
+  const bool fits = DisplayWidth(indent) + DisplayWidth(text) <= kTextColumns;
+  if (fits || isatty(fileno(stream)) == 0) return absl::StrCat(indent, text, "\n");
+  return Wrapped(text, indent, next_indent);
+}
+
+void Say(absl::string_view lines) {
+  if (!lines.empty() && lines.back() == '\n') lines.remove_suffix(1);
+  for (const absl::string_view line : absl::StrSplit(lines, '\n')) {
+    const std::string indent(std::min(line.find_first_not_of(' '), line.size()), ' ');
+    std::fputs(WrappedOn(stdout, line.substr(indent.size()), indent, absl::StrCat(indent, "  ")).c_str(), stdout);
+  }
 }
 
 std::string TextTable(const std::vector<TextColumn>& columns, const std::vector<std::vector<std::string>>& rows,

@@ -1,6 +1,7 @@
 // Text for people: columns that line up, lines that fit a terminal of 80 columns, names that cannot command it.
 #pragma once
 
+#include <cstdio>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,13 @@ std::string Cut(absl::string_view text, int columns);
 
 // Lines of at most kTextColumns, broken between words, the first after `indent`, the others after `next_indent`.
 std::string Wrapped(absl::string_view text, absl::string_view indent, absl::string_view next_indent);
+// Likewise what does not fit, if `stream` is a terminal; elsewhere, where a program may read it, one line whatever its
+// length.
+std::string WrappedOn(std::FILE* stream, absl::string_view text, absl::string_view indent = "",
+                      absl::string_view next_indent = "  ");
+
+// Lines of an answer to standard output, each as by WrappedOn(), with the blanks that it begins with as its indent.
+void Say(absl::string_view lines);
 
 struct TextColumn {
   std::string name;

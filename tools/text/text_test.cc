@@ -47,6 +47,14 @@ TEST(Wrapped, FitsTheTerminal) {
   EXPECT_EQ(lines[1].substr(0, 8), "    word");
 }
 
+TEST(WrappedOn, WhatIsNoTerminalGetsOneLine) {
+  std::FILE* const file = std::tmpfile();
+  ASSERT_NE(file, nullptr);
+  const std::string text(200, 'x');
+  EXPECT_EQ(WrappedOn(file, absl::StrCat(text, " ", text), "  "), absl::StrCat("  ", text, " ", text, "\n"));
+  std::fclose(file);
+}
+
 TEST(TextTable, LinesUpAndFits) {
   const std::vector<TextColumn> columns = {{"id"}, {"source", true}, {"keyframes"}};
   const std::string table = TextTable(columns, {{"1", "\xe5\x8f\xb0\xe6\x89\x80", "12"}, {"12", "a", "3"}});
