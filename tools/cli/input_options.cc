@@ -5,6 +5,7 @@
 #include <string>
 
 #include "absl/strings/str_split.h"
+#include "cli/outputs.h"
 #include "text/text.h"
 
 namespace cairn::cli {
