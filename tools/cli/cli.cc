@@ -4,6 +4,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_split.h"
+#include "cli/usage_error.h"
 #include "store/fault.h"
 #include "text/text.h"
 
@@ -16,8 +17,6 @@ int ExitCodeOf(const absl::Status& status) {
   if (store::IsNewerVersion(status)) return kNewerVersion;
   return kFailure;
 }
-
-constexpr absl::string_view kUsageMark = "cairn/usage";
 
 // On standard error. Names in it cannot command a terminal.
 void Tell(const std::string& verb, absl::string_view message) {
@@ -49,12 +48,6 @@ int Fail(const std::string& verb, const absl::Status& status, bool json) {
     Tell(verb, message);
   }
   return code;
-}
-
-absl::Status UsageError(const std::string& message) {
-  absl::Status status = absl::InvalidArgumentError(message);
-  status.SetPayload(kUsageMark, absl::Cord());
-  return status;
 }
 
 int FailUsage(const std::string& verb, const std::string& message, bool json) {
