@@ -2,8 +2,7 @@
 
 #include <sys/mman.h>
 
-#include <cstdint>
-#include <new>
+#include <utility>
 
 namespace cairn {
 namespace {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
+#include "store/file_paths.h"
 #include "store/map_overview.h"
 #include "store/map_store.h"
 
@@ -29,10 +30,10 @@ class TrialFile {
   TrialFile& operator=(const TrialFile&) = delete;
 
   void Remove() const {
-    for (const char* suffix : {"", "-wal", "-shm", "-lock", "-journal"}) {
-      std::error_code error;
-      std::filesystem::remove(absl::StrCat(path_, suffix), error);
-    }
+    std::error_code error;
+    std::filesystem::remove(path_, error);
+    store::RemoveCompanions(path_);
+    std::filesystem::remove(absl::StrCat(path_, store::kLockSuffix), error);
   }
   const std::string& path() const { return path_; }
 

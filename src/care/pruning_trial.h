@@ -2,7 +2,6 @@
 // ready for readers, no sum over keyframes and points tells to a percent.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <string>
 

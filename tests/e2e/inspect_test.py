@@ -4,6 +4,7 @@ import pathlib
 import re
 import shutil
 import signal
+import sqlite3
 import subprocess
 import tempfile
 import time
@@ -47,25 +48,22 @@ class Inspection(unittest.TestCase):
         self.assertEqual(info['keyframes_looked_at'], info['keyframes'])
         self.assertTrue(0 < info['reprojection_median_px'] <= info['reprojection_rms_px'] < 2)
 
-    def test_info_does_not_load_the_map(self):
-        # A point that does not check out keeps the map from being loaded; info does not look there.
-        damaged = self.folder / 'damaged.cairn'
+    def with_a_bad_point(self, name):
+        """A copy of the map that cannot be loaded: a point does not check out."""
+        damaged = self.folder / name
         shutil.copy(self.map, damaged)
-        import sqlite3
         with sqlite3.connect(damaged) as database:
             database.execute('UPDATE points SET times_visible = times_visible + 1 WHERE id = (SELECT max(id) FROM points)')
         database.close()
+        return damaged
+
+    def test_info_does_not_load_the_map(self):
+        damaged = self.with_a_bad_point('damaged.cairn')
         self.assertEqual(cairn('info', damaged).code, 0)
         self.assertEqual(cairn('info', damaged, '--digest').code, 3)
 
     def test_what_is_few_does_not_load_the_map(self):
-        # The same, where nobody looks.
-        damaged = self.folder / 'damaged_elsewhere.cairn'
-        shutil.copy(self.map, damaged)
-        import sqlite3
-        with sqlite3.connect(damaged) as database:
-            database.execute('UPDATE points SET times_visible = times_visible + 1 WHERE id = (SELECT max(id) FROM points)')
-        database.close()
+        damaged = self.with_a_bad_point('damaged_elsewhere.cairn')
         point = must('ls', self.map, 'points', '--limit', 1)['points'][0]['id']
         for call in (['show', 'keyframe', 2], ['show', 'point', point], ['ls', '--limit', 2], ['ls', 'points', '--limit', 2]):
             answer = cairn(call[0], damaged, *call[1:])
@@ -97,7 +95,6 @@ class Inspection(unittest.TestCase):
         self.assertEqual(cairn('synth', '--out', self.folder / 'x').code, 2)
 
     def test_views_for_the_prompt_are_as_documented(self):
-        import sqlite3
         script = pathlib.Path(__file__).resolve().parents[2] / 'schema/views/inspection.sql'
         before = self.map.read_bytes()
         database = sqlite3.connect(f'file:{self.map}?mode=ro', uri=True)
