@@ -1,5 +1,6 @@
 #include "server/grpc/grpc_server.h"
 
+#include <grpc/grpc.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -84,6 +85,9 @@ class Server final : public GrpcServer {
 
 absl::StatusOr<std::unique_ptr<GrpcServer>> GrpcServer::Start(const GrpcServerOptions& options,
                                                               const CallContext& context) {
+  // gRPC ends with the last that uses it, and waits then for a thread that may look for ten seconds whether a
+  // connection takes the rest of a large answer (seen with 1.51): it lasts as long as the process.
+  [[maybe_unused]] static const bool lasting = (grpc_init(), true);
   auto server = std::make_unique<Server>(context);
   CAIRN_RETURN_IF_ERROR(server->Listen(options));
   return server;

@@ -195,6 +195,19 @@ class ServedMaps(unittest.TestCase):
             self.assertEqual(server.stop(sent), 0)
             self.assertLess(time.monotonic() - begun, 5)
 
+    def test_stops_in_order_after_a_large_answer(self):
+        # gRPC may look for ten seconds whether a connection takes the rest of one: of a map of 10 MB most times.
+        maps = self.folder / 'large'
+        maps.mkdir()
+        must('synth', 'map', '--like', self.maps / 'office.cairn', '--keyframes', 60, '--out', maps / 'office.cairn')
+        for i in range(5):
+            server = Server(maps)
+            drawn = self.ask('render', 'office', '-o', self.folder / f'large_{i}.png', server=server.address)
+            self.assertEqual(drawn.code, 0, drawn.out)
+            begun = time.monotonic()
+            self.assertEqual(server.stop(), 0)
+            self.assertLess(time.monotonic() - begun, 5)
+
 
 if __name__ == '__main__':
     unittest.main()
