@@ -84,7 +84,7 @@ FocalEquations LinearizeAt(const Pinhole& pinhole, const FocalState& state,
     j.col(6) = ReprojectionByLogFocal(applied, point_c);
     j.rightCols<2>() = side * Eigen::Matrix2d::Identity();
     const double weight = loss.Weight(chi2) * precision;
-    sum.hessian.noalias() += weight * j.transpose() * j;
+    sum.hessian += (weight * j.transpose()).lazyProduct(j);  // just large enough for the slow way of large products
     sum.gradient.noalias() += weight * j.transpose() * residual;
   }
   AddPrior(state, prior, &sum);

@@ -5,6 +5,19 @@
 #include <utility>
 
 namespace cairn::place {
+namespace {
+
+// What bounded effort is, in postings: reaching those of a word takes as long in each segment as reading so many ...
+constexpr std::uint64_t kReach = 32;
+// ... and a query may take so many, and so many more per entry of the index.
+constexpr std::uint64_t kEffort = 300'000, kEffortPerEntry = 5;
+
+// One writer at a time.
+void Increase(std::atomic<std::uint32_t>* number, std::uint32_t by) {
+  number->store(number->load(std::memory_order_relaxed) + by, std::memory_order_relaxed);
+}
+
+}  // namespace
 
 absl::Status QueryOptions::Validate() const {
   if (!(min_common_share >= 0.0 && min_common_share <= 1.0)) {
@@ -19,7 +32,7 @@ absl::Status QueryOptions::Validate() const {
 }
 
 InvertedIndex::InvertedIndex(std::vector<float> idf)
-    : idf_(std::move(idf)), blocks_(idf_.size()), id_chunks_(kMaxEntries / kIdsPerChunk) {}
+    : idf_(std::move(idf)), frequency_(idf_.size()), blocks_(idf_.size()), id_chunks_(kMaxEntries / kIdsPerChunk) {}
 
 InvertedIndex::~InvertedIndex() {
   for (std::atomic<Block*>& head : blocks_) {
@@ -112,6 +125,8 @@ absl::Status InvertedIndex::AddTogether(std::span<const Entry> entries) {
 }
 
 void InvertedIndex::Push(PostingSegment segment) {
+  const std::vector<std::uint16_t> frequencies = segment.TakeFrequencies();
+  for (std::size_t word = 0; word < frequencies.size(); ++word) Increase(&frequency_[word], frequencies[word]);
   const std::uint32_t end = segment.first() + segment.num_entries();
   segments_.store(new Segments{std::move(segment), segments_.load(std::memory_order_relaxed)},
                   std::memory_order_release);
@@ -130,6 +145,7 @@ absl::Status InvertedIndex::AddSegment(std::span<const std::uint32_t> ids, Posti
 }
 
 void InvertedIndex::Append(WordId word, Posting posting) {
+  Increase(&frequency_[word], 1);
   Block* block = blocks_[word].load(std::memory_order_relaxed);
   std::uint32_t size = block == nullptr ? 0 : block->size.load(std::memory_order_relaxed);
   const bool full = block == nullptr || size == block->capacity;
@@ -147,14 +163,34 @@ std::uint32_t InvertedIndex::IdOf(std::uint32_t entry) const {
   return id_chunks_[entry / kIdsPerChunk].load(std::memory_order_acquire)[entry % kIdsPerChunk];
 }
 
-Scores InvertedIndex::Score(const BowVector& words) const {
-  // Words come in ascending order, so the sums do not depend on the order of postings.
+BowVector InvertedIndex::Telling(const BowVector& words) const {
+  const std::uint64_t size = num_entries();
+  const std::uint64_t reach = kReach * (size / PostingSegment::kMaxEntries + 1);
+  std::uint64_t left = kEffort + kEffortPerEntry * size;
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> by_frequency;  // and the number in `words`
+  for (std::uint32_t i = 0; i < words.size(); ++i) {
+    if (words[i].word >= idf_.size()) continue;
+    const std::uint32_t frequency = frequency_[words[i].word].load(std::memory_order_relaxed);
+    if (frequency > 0) by_frequency.emplace_back(frequency, i);
+  }
+  std::ranges::sort(by_frequency);
+  BowVector telling;
+  for (const auto& [frequency, i] : by_frequency) {
+    if (frequency + reach > left) break;
+    left -= frequency + reach;
+    telling.push_back(words[i]);
+  }
+  std::ranges::sort(telling, {}, &WeightedWord::word);
+  return telling;
+}
+
+Scores InvertedIndex::Score(const BowVector& all_words, Effort effort) const {
+  const BowVector telling = effort == Effort::kBounded ? Telling(all_words) : BowVector();
+  const BowVector& words = effort == Effort::kBounded ? telling : all_words;
   const std::uint32_t size = num_entries();
-  Scores scores{std::vector<double>(size, 0.0), std::vector<std::uint32_t>(size, 0)};
-  const auto meets = [score = scores.score.data(), common = scores.common.data()](const WeightedWord& word,
-                                                                                  std::uint32_t entry, float weight) {
-    ++common[entry];
-    score[entry] += std::min(word.weight, weight);
+  Scores scores(size);
+  const auto meets = [&scores](const WeightedWord& word, std::uint32_t entry, float weight) {
+    scores.Meet(entry, word.weight, weight);
   };
   // Segment by segment, so that what is looked at lies together.
   for (const Segments* at = segments_.load(std::memory_order_acquire); at != nullptr; at = at->older) {
@@ -176,9 +212,7 @@ Scores InvertedIndex::Score(const BowVector& words) const {
 
 std::vector<Candidate> InvertedIndex::Best(const Scores& scores, const QueryOptions& options,
                                            const Counts& counts) const {
-  const std::vector<double>& score = scores.score;
-  const std::vector<std::uint32_t>& common = scores.common;
-  const auto size = static_cast<std::uint32_t>(score.size());
+  const auto size = static_cast<std::uint32_t>(scores.size());
   // Asked of few, as most of a large map share too few words to matter.
   const auto taken = [&](std::uint32_t entry) {
     const std::uint32_t id = IdOf(entry);
@@ -188,7 +222,7 @@ std::vector<Candidate> InvertedIndex::Best(const Scores& scores, const QueryOpti
   if (options.min_common_share > 0.0) {
     std::uint32_t most = 0;
     for (std::uint32_t entry = 0; entry < size; ++entry) {
-      if (common[entry] > most && taken(entry)) most = common[entry];
+      if (scores.common(entry) > most && taken(entry)) most = scores.common(entry);
     }
     min_common = std::max(min_common, options.min_common_share * most);
   }
@@ -198,9 +232,10 @@ std::vector<Candidate> InvertedIndex::Best(const Scores& scores, const QueryOpti
   std::vector<Candidate> best;  // a heap, the worst of them first
   const std::size_t wanted = options.max_results == 0 ? size : options.max_results;
   for (std::uint32_t entry = 0; entry < size; ++entry) {
-    if (common[entry] < min_common || score[entry] < options.min_score) continue;
-    const Candidate candidate{IdOf(entry), score[entry], common[entry]};
+    if (scores.common(entry) < min_common || scores.score(entry) < options.min_score) continue;
     const bool full = best.size() == wanted;
+    if (full && scores.score(entry) < best.front().score) continue;
+    const Candidate candidate{IdOf(entry), scores.score(entry), scores.common(entry)};
     if ((full && !better(candidate, best.front())) || !taken(entry)) continue;
     if (full) {
       std::ranges::pop_heap(best, better);

@@ -2,6 +2,7 @@
 // Tardos, T-RO 2012, sec. IV-V).
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <functional>
@@ -36,10 +37,31 @@ struct Candidate {
   bool operator==(const Candidate&) const = default;
 };
 
-// What entries have in common with an image, by their number: nothing with those that came later.
-struct Scores {
-  std::vector<double> score;          // L1, in [0, 1]
-  std::vector<std::uint32_t> common;  // words in both
+// What entries have in common with an image, by their number: nothing with those that came later. Both in one number,
+// as adding to it is most of the work of a query; and in whole numbers, so that the order of words does not matter.
+class Scores {
+ public:
+  explicit Scores(std::size_t num_entries = 0) : shared_(num_entries, 0) {}
+
+  std::size_t size() const { return shared_.size(); }
+  // L1, in [0, 1], to 4e-12 per word.
+  double score(std::uint32_t entry) const {
+    return static_cast<double>(shared_[entry] & (kCommonWord - 1)) / static_cast<double>(kOne);
+  }
+  // Words in both.
+  std::uint32_t common(std::uint32_t entry) const { return static_cast<std::uint32_t>(shared_[entry] >> kScoreBits); }
+
+  // A word that weighs so much, at most 1, in the one and in the other.
+  void Meet(std::uint32_t entry, float weight, float other_weight) {
+    shared_[entry] += kCommonWord + static_cast<std::uint64_t>(std::min(weight, other_weight) * kOne);
+  }
+
+ private:
+  static constexpr int kScoreBits = 40;  // with room for sums of rounded weights that exceed 1
+  static constexpr std::uint64_t kCommonWord = std::uint64_t{1} << kScoreBits;
+  static constexpr float kOne = std::uint64_t{1} << (kScoreBits - 2);
+
+  std::vector<std::uint64_t> shared_;
 };
 
 // Grows at its end only, so that an index of an earlier state of a map is the same object with fewer entries counted:
@@ -74,8 +96,11 @@ class InvertedIndex {
   std::span<const float> idf() const { return idf_; }
   std::uint32_t num_entries() const { return num_entries_.load(std::memory_order_acquire); }
 
-  // Most of the work of a query, which may then be asked for several bests.
-  Scores Score(const BowVector& words) const;
+  // Most of the work of a query, which may then be asked for several bests. Bounded: of a query whose words many
+  // entries have, the words that fewest have, as many as take a time that grows more slowly than the index does. What
+  // is left out says least, and takes longest; scores are then smaller, and depend also on entries that do not count.
+  enum class Effort : std::uint8_t { kAllWords, kBounded };
+  Scores Score(const BowVector& words, Effort effort = Effort::kAllWords) const;
   // Best score first; of equal scores the smaller id. The answer depends on the entries that count alone.
   std::vector<Candidate> Best(const Scores& scores, const QueryOptions& options = {}, const Counts& counts = {}) const;
   std::vector<Candidate> Query(const BowVector& words, const QueryOptions& options = {},
@@ -118,9 +143,12 @@ class InvertedIndex {
   void Push(PostingSegment segment);
   void SetId(std::uint32_t entry, std::uint32_t id);
   void Append(WordId word, Posting posting);
+  // Those that are compared with bounded effort, ascending.
+  BowVector Telling(const BowVector& words) const;
   std::uint32_t IdOf(std::uint32_t entry) const;
 
   const std::vector<float> idf_;                        // by word
+  std::vector<std::atomic<std::uint32_t>> frequency_;   // by word: how many entries have it
   std::vector<std::atomic<Block*>> blocks_;             // by word: of entries that came alone
   std::atomic<Segments*> segments_ = nullptr;           // of those that came together
   std::vector<std::atomic<std::uint32_t*>> id_chunks_;  // ids of entries

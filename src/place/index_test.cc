@@ -211,6 +211,47 @@ TEST(InvertedIndex, AnswersTheSameFromPackedSegments) {
   }
 }
 
+// Every entry has the first fifty words, and 250 of the others at random. Asked for an entry's words and a thousand
+// others.
+TEST(InvertedIndex, BoundedEffortLeavesOutWordsThatManyHave) {
+  constexpr WordId kNumWords = 2000, kCommon = 50;
+  Random random(10);
+  const std::vector<float> idf(kNumWords, 2.0f);
+  std::vector<InvertedIndex::Entry> entries(2200);
+  for (InvertedIndex::Entry& entry : entries) {
+    entry.id = static_cast<std::uint32_t>(&entry - entries.data());
+    for (WordId word = 0; word < kCommon; ++word) entry.words.push_back(word);
+    for (int i = 0; i < 250; ++i) entry.words.push_back(kCommon + random.Below(kNumWords - kCommon));
+  }
+  InvertedIndex together(idf), alone(idf);
+  ASSERT_TRUE(together.AddAll(entries).ok());
+  for (const InvertedIndex::Entry& entry : entries) ASSERT_TRUE(alone.Add(entry.id, Weigh(entry.words, idf)).ok());
+
+  using Effort = InvertedIndex::Effort;
+  std::uint32_t compared = 0, in_common = 0;
+  for (const std::uint32_t id : {3u, 1100u, 2199u}) {
+    std::vector<WordId> asked = entries[id].words;
+    const Scores few = together.Score(Weigh(asked, idf), Effort::kBounded);
+    EXPECT_EQ(few.common(id), together.Score(Weigh(asked, idf)).common(id)) << "few words are all compared";
+    for (int i = 0; i < 1000; ++i) asked.push_back(kCommon + random.Below(kNumWords - kCommon));
+    const BowVector query = Weigh(asked, idf);
+    const Scores bounded = together.Score(query, Effort::kBounded), all = together.Score(query);
+    const std::vector<Candidate> best = together.Best(bounded, Everything());
+    ASSERT_FALSE(best.empty());
+    EXPECT_EQ(best[0].id, id);
+    EXPECT_EQ(best, alone.Best(alone.Score(query, Effort::kBounded), Everything()));
+    for (std::uint32_t entry = 0; entry < entries.size(); ++entry) {
+      EXPECT_LE(bounded.common(entry) + kCommon, all.common(entry)) << "what all have is left out";
+      EXPECT_LT(bounded.score(entry), all.score(entry));
+      compared += bounded.common(entry);
+      in_common += all.common(entry) - kCommon;
+    }
+  }
+  // Of the others most are compared.
+  EXPECT_GT(compared, in_common / 2);
+  EXPECT_LT(compared, in_common);
+}
+
 TEST(PostingSegment, DamagedBytesAreNoSegment) {
   Random random(9);
   const std::vector<float> idf = RandomWeights(300, &random);

@@ -90,7 +90,7 @@ class PostingSegment::Packing {
 
 PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<const WordId>> words_of_entry,
                                std::span<const float> idf)
-    : first_(first), sum_(words_of_entry.size(), 0.0) {
+    : first_(first) {
   // Sorted by word in two passes that each write to few places at once, by the upper bits and then by the lower ones.
   // Entries stay in their order, so that a word that an entry has several times is in one run.
   constexpr int kLowBits = 9;
@@ -111,6 +111,7 @@ PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<co
   }
 
   Packing packing;
+  std::vector<double> sums(words_of_entry.size(), 0.0);
   std::vector<std::uint16_t> sorted;
   for (std::size_t b = 0; b + 1 < bucket.size(); ++b) {
     const std::span<const std::uint32_t> items(by_bucket.data() + bucket[b], bucket[b + 1] - bucket[b]);
@@ -129,13 +130,13 @@ PostingSegment::PostingSegment(std::uint32_t first, std::span<const std::span<co
         const std::uint16_t entry = sorted[i];
         std::uint32_t count = 0;
         for (; i < end[low] && sorted[i] == entry; ++i) ++count;
-        sum_[entry] += TermWeight(count, idf[word]);
+        sums[entry] += TermWeight(count, idf[word]);
         if (TermWeight(count, idf[word]) > 0.0) packing.Add(entry, count);
       }
       packing.EndWord();
     }
   }
-  bytes_ = SharedBytes(std::move(packing).Finish(idf.size(), sum_));
+  bytes_ = SharedBytes(std::move(packing).Finish(idf.size(), sums));
   Index(idf.size()).IgnoreError();  // they are as they should be
 }
 
@@ -165,35 +166,39 @@ absl::Status PostingSegment::Index(std::size_t num_words) {
   }
   if (entries > kMaxEntries || words != num_words) return Bad("it is of another vocabulary, or too large");
   if (bytes.size() - at < entries * sizeof(double) + num_words + postings) return Bad("it is cut off");
-  sum_.resize(entries);
-  if (entries > 0) std::memcpy(sum_.data(), bytes.data() + at, entries * sizeof(double));
-  at += entries * sizeof(double);
-  if (!std::ranges::all_of(sum_, [](double sum) { return std::isfinite(sum); })) return Bad("a sum is not finite");
-  std::vector<std::uint16_t> counts(num_words);
+  inverse_sum_.resize(entries);
+  for (float& inverse : inverse_sum_) {
+    double sum = 0.0;
+    std::memcpy(&sum, bytes.data() + at, sizeof(sum));
+    at += sizeof(sum);
+    if (!(sum >= 0.0 && std::isfinite(sum))) return Bad("a sum of weights is none");
+    inverse = static_cast<float>(1.0 / sum);  // without words none is asked for
+  }
+  frequencies_.resize(num_words);
   std::uint64_t total = 0;
-  for (std::uint16_t& kept : counts) {
+  for (std::uint16_t& kept : frequencies_) {
     std::uint32_t count = 0;
     if (!TakeVarint(bytes, &at, &count) || count > entries) return Bad("a word is in too many images");
     total += count;
     kept = static_cast<std::uint16_t>(count);
   }
   if (total != postings) return Bad("words are in too many or too few images");
-  CAIRN_RETURN_IF_ERROR(IndexGaps(counts, &at));
-  return IndexMore(counts, postings, at);
+  CAIRN_RETURN_IF_ERROR(IndexGaps(&at));
+  return IndexMore(postings, at);
 }
 
 // That no posting is of an entry beyond the last is seen where they are read: here it would be most of the work.
-absl::Status PostingSegment::IndexGaps(const std::vector<std::uint16_t>& counts, std::size_t* at) {
+absl::Status PostingSegment::IndexGaps(std::size_t* at) {
   const std::string_view bytes = bytes_.view();
   const auto next_far = [&](std::size_t from) { return bytes.find(static_cast<char>(kFar), from); };
-  places_.resize(counts.size());
-  blocks_.resize((counts.size() + kWordsPerBlock - 1) / kWordsPerBlock + 1);
+  places_.resize(frequencies_.size());
+  blocks_.resize((frequencies_.size() + kWordsPerBlock - 1) / kWordsPerBlock + 1);
   std::size_t far = next_far(*at);
-  for (std::size_t word = 0; word < counts.size(); ++word) {
+  for (std::size_t word = 0; word < frequencies_.size(); ++word) {
     std::uint32_t& block = blocks_[word / kWordsPerBlock];
     if (word % kWordsPerBlock == 0) block = static_cast<std::uint32_t>(*at);
     places_[word].gaps = static_cast<std::uint16_t>(*at - block);
-    const std::size_t count = counts[word];
+    const std::size_t count = frequencies_[word];
     if (bytes.size() - *at < count) return Bad("it is cut off");
     if (*at + count <= far) {  // hardly a gap takes more than a byte
       *at += count;
@@ -213,8 +218,7 @@ absl::Status PostingSegment::IndexGaps(const std::vector<std::uint16_t>& counts,
   return absl::OkStatus();
 }
 
-absl::Status PostingSegment::IndexMore(const std::vector<std::uint16_t>& counts, std::uint32_t num_postings,
-                                       std::size_t at) {
+absl::Status PostingSegment::IndexMore(std::uint32_t num_postings, std::size_t at) {
   const std::string_view bytes = bytes_.view();
   std::uint32_t num_more = 0;
   if (!TakeVarint(bytes, &at, &num_more) || num_more > num_postings) return Bad("it is cut off");
@@ -228,7 +232,7 @@ absl::Status PostingSegment::IndexMore(const std::vector<std::uint16_t>& counts,
     if (!TakeVarint(bytes, &at, &count)) return Bad("it is cut off");
     const std::uint64_t posting = next + gap;
     if (posting >= num_postings || count < 2) return Bad("a count is out of range");
-    for (; posting >= begin + counts[word]; ++word) begin += counts[word];
+    for (; posting >= begin + frequencies_[word]; ++word) begin += frequencies_[word];
     if (places_[word].first_more == kNone) {
       places_[word].more = at_count;
       places_[word].first_more = static_cast<std::uint16_t>(posting - begin);

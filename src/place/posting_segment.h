@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/shared_bytes.h"
@@ -29,14 +30,17 @@ class PostingSegment {
   // is not what they hold; no bytes lead beyond it.
   static absl::StatusOr<PostingSegment> Unpack(std::uint32_t first, std::size_t num_words, SharedBytes bytes);
 
+  // In how many entries each word is; once, as they are not kept.
+  std::vector<std::uint16_t> TakeFrequencies() { return std::exchange(frequencies_, {}); }
+
   std::uint32_t first() const { return first_; }
-  std::uint32_t num_entries() const { return static_cast<std::uint32_t>(sum_.size()); }
+  std::uint32_t num_entries() const { return static_cast<std::uint32_t>(inverse_sum_.size()); }
 
   // Calls visit(entry, weight) for every entry with the word, which weighs `idf` in all of them.
   template <class Visit>
   void ForEach(WordId word, float idf, Visit&& visit) const {
     ForEachCount(word, [&](std::uint32_t entry, std::uint32_t count) {
-      visit(entry, NormalizedWeight(count, idf, sum_[entry - first_]));
+      visit(entry, NormalizedWeight(count, idf, inverse_sum_[entry - first_]));
     });
   }
   // The same for many words, ascending: calls visit(word, entry, weight) in their order. What a word needs lies
@@ -51,24 +55,29 @@ class PostingSegment {
       ForEach(word.word, idf[word.word], [&](std::uint32_t entry, float weight) { visit(word, entry, weight); });
     }
   }
-  // Likewise visit(entry, count): how often it has the word.
+  // Likewise visit(entry, count): how often it has the word. Most have it once, of which nothing is looked up.
   template <class Visit>
   void ForEachCount(WordId word, Visit&& visit) const {
-    const Place& place = places_[word];
     const std::uint32_t end = EndOf(word), num_entries = this->num_entries();
-    std::uint32_t posting = 0, more = place.more, next_more = place.first_more;
-    std::uint32_t entry = 0;
-    for (std::uint32_t at = BeginOf(word); at < end; ++entry, ++posting) {
-      std::uint32_t gap = Byte(at++);
+    const auto* const bytes = reinterpret_cast<const std::uint8_t*>(bytes_.view().data());
+    std::uint32_t at = BeginOf(word), entry = 0;
+    const auto next = [&] {  // whether it is an entry
+      std::uint32_t gap = bytes[at++];
       if (gap == kFar) gap = VarintAt(&at);
       entry += gap;
-      if (entry >= num_entries) return;
-      std::uint32_t count = 1;
-      if (posting == next_more) {
-        count = VarintAt(&more);
-        next_more = posting + 1 + VarintAt(&more);  // of another word, if this has no more
+      return entry < num_entries;
+    };
+    const Place& place = places_[word];
+    std::uint32_t more = place.more, once = place.first_more == kNone ? ~std::uint32_t{0} : place.first_more;
+    while (true) {
+      for (; once > 0 && at < end; --once, ++entry) {
+        if (!next()) return;
+        visit(first_ + entry, 1);
       }
-      visit(first_ + entry, count);
+      if (at >= end || !next()) return;
+      const std::uint32_t count = VarintAt(&more);
+      once = VarintAt(&more);  // leads to another word's, if this has no more
+      visit(first_ + entry++, count);
     }
   }
 
@@ -87,7 +96,6 @@ class PostingSegment {
     std::uint16_t gaps;                // where its postings begin, from its block's on
   };
 
-  std::uint8_t Byte(std::uint32_t at) const { return static_cast<std::uint8_t>(bytes_.view()[at]); }
   // Reads a number and goes on behind it; the greatest beyond the end.
   std::uint32_t VarintAt(std::uint32_t* at) const;
   std::uint32_t BeginOf(WordId word) const { return blocks_[word / kWordsPerBlock] + places_[word].gaps; }
@@ -108,14 +116,15 @@ class PostingSegment {
   class Packing;
   // Finds its way in `bytes_`, and checks them.
   absl::Status Index(std::size_t num_words);
-  absl::Status IndexGaps(const std::vector<std::uint16_t>& counts, std::size_t* at);
-  absl::Status IndexMore(const std::vector<std::uint16_t>& counts, std::uint32_t num_postings, std::size_t at);
+  absl::Status IndexGaps(std::size_t* at);
+  absl::Status IndexMore(std::uint32_t num_postings, std::size_t at);
 
   std::uint32_t first_ = 0;
   SharedBytes bytes_;                  // as they are packed
-  std::vector<double> sum_;            // of term weights, by entry
+  std::vector<float> inverse_sum_;     // 1 over the sum of term weights, by entry
   std::vector<std::uint32_t> blocks_;  // in `bytes_`, where the postings of the first of their words begin; and the end
   std::vector<Place> places_;          // by word
+  std::vector<std::uint16_t> frequencies_;
 };
 
 }  // namespace cairn::place

@@ -40,10 +40,11 @@ BowVector Weigh(std::vector<WordId> words, std::span<const float> idf) {
     if (TermWeight(count, idf[words[i]]) > 0.0) counted.push_back({words[i], count});
     i = end;
   }
+  const auto inverse_sum = static_cast<float>(1.0 / sum);
   BowVector bow;
   bow.reserve(counted.size());
   for (const Counted& entry : counted) {
-    bow.push_back({entry.word, NormalizedWeight(entry.count, idf[entry.word], sum)});
+    bow.push_back({entry.word, NormalizedWeight(entry.count, idf[entry.word], inverse_sum)});
   }
   return bow;
 }

@@ -13,9 +13,9 @@ namespace cairn::place {
 
 // What a word adds to the sum of an image that has it `count` times ...
 inline double TermWeight(std::uint32_t count, float idf) { return static_cast<double>(count) * idf; }
-// ... and its weight there.
-inline float NormalizedWeight(std::uint32_t count, float idf, double sum) {
-  return static_cast<float>(static_cast<float>(TermWeight(count, idf)) / sum);
+// ... and its weight there, of the inverse of that sum.
+inline float NormalizedWeight(std::uint32_t count, float idf, float inverse_sum) {
+  return static_cast<float>(TermWeight(count, idf)) * inverse_sum;
 }
 
 // Of one image. `words`: below idf.size(), in any order, each as often as it is there; those of weight 0 are left out.

@@ -52,15 +52,8 @@ class ByteReader {
     return value;
   }
   std::uint64_t Varint() {
-    std::uint64_t value = 0;
-    for (int shift = 0; shift < 64; shift += 7) {
-      if (!Has(1)) return 0;
-      const std::uint8_t byte = *at_++;
-      value |= static_cast<std::uint64_t>(byte & 0x7f) << shift;
-      if ((byte & 0x80) == 0) return value;
-    }
-    ok_ = false;
-    return 0;
+    if (at_ != end_ && *at_ < 0x80 && ok_) return *at_++;  // most
+    return LongVarint();
   }
   std::int64_t Zigzag() {
     const std::uint64_t value = Varint();
@@ -80,6 +73,17 @@ class ByteReader {
   }
 
  private:
+  std::uint64_t LongVarint() {
+    std::uint64_t value = 0;
+    for (int shift = 0; shift < 64; shift += 7) {
+      if (!Has(1)) return 0;
+      const std::uint8_t byte = *at_++;
+      value |= static_cast<std::uint64_t>(byte & 0x7f) << shift;
+      if ((byte & 0x80) == 0) return value;
+    }
+    ok_ = false;
+    return 0;
+  }
   bool Has(std::size_t size) {
     ok_ = ok_ && size <= left();
     return ok_;

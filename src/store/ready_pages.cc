@@ -82,11 +82,6 @@ const ReadyKeyframe* ReadyIndex::Find(KeyframeId id) const {
   return &keyframes_[place_of_[id.value()] - 1];
 }
 
-bool ReadyIndex::HasPoint(PointId id) const {
-  const std::size_t word = id.value() / 64;
-  return word < points_.size() && (points_[word] >> (id.value() % 64) & 1) != 0;
-}
-
 void ReadyIndex::AddKeyframe(const ReadyKeyframe& keyframe) {
   place_of_.resize(next_keyframe.value());
   keyframes_.push_back(keyframe);

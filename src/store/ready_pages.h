@@ -63,7 +63,10 @@ class ReadyIndex {
   // After AddKeyframe()s in ascending order, and AddPoint()s.
   const std::vector<ReadyKeyframe>& keyframes() const { return keyframes_; }
   const ReadyKeyframe* Find(KeyframeId id) const;  // null: none
-  bool HasPoint(PointId id) const;
+  bool HasPoint(PointId id) const {
+    const std::size_t word = id.value() / 64;
+    return word < points_.size() && (points_[word] >> (id.value() % 64) & 1) != 0;
+  }
   std::size_t num_points() const { return num_points_; }
 
   // `next_keyframe` and `next_point` are as they will be.

@@ -171,7 +171,9 @@ absl::StatusOr<PlaceIndex> PlaceIndex::After(const map::Delta& delta, const map:
 
 const place::Vocabulary& PlaceIndex::vocabulary() const { return *shared_->vocabulary; }
 
-place::Scores PlaceIndex::Score(const place::BowVector& words) const { return shared_->index.Score(words); }
+place::Scores PlaceIndex::Score(const place::BowVector& words, place::InvertedIndex::Effort effort) const {
+  return shared_->index.Score(words, effort);
+}
 
 std::vector<place::Candidate> PlaceIndex::Best(const place::Scores& scores, const place::QueryOptions& options) const {
   return shared_->index.Best(scores, options, [this](std::uint32_t id, std::uint32_t number) {

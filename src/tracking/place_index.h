@@ -66,10 +66,10 @@ class PlaceIndex {
   std::size_t size() const { return entries_.size(); }
 
   // As of place::InvertedIndex; ids of candidates are the values of KeyframeIds.
-  place::Scores Score(const place::BowVector& words) const;
+  place::Scores Score(const place::BowVector& words, place::InvertedIndex::Effort effort) const;
   std::vector<place::Candidate> Best(const place::Scores& scores, const place::QueryOptions& options) const;
   std::vector<place::Candidate> Query(const place::BowVector& words, const place::QueryOptions& options) const {
-    return Best(Score(words), options);
+    return Best(Score(words, place::InvertedIndex::Effort::kAllWords), options);
   }
   // Per feature of the keyframe, its node; empty for a keyframe that is not here.
   std::vector<place::NodeId> NodesOf(const map::Keyframe& keyframe) const;

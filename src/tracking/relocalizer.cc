@@ -96,7 +96,7 @@ class PlaceSearch {
   }
 
   absl::StatusOr<Relocalization> Run() {
-    scores_ = query_.places.Score(query_.words.bow);
+    scores_ = query_.places.Score(query_.words.bow, place::InvertedIndex::Effort::kBounded);
     const auto candidates = Candidates({});
     miss_.counts.candidates = static_cast<int>(candidates.size());
     if (trace_ != nullptr) trace_->candidates = candidates;
