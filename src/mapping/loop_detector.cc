@@ -70,7 +70,7 @@ std::vector<KeyframeId> LoopDetector::Detect(const map::Snapshot& map, const tra
   everything.max_results = 0;
   // Other components have frames of their own (mapping/component_join.h).
   everything.exclude = [&](std::uint32_t id) { return map.keyframe(KeyframeId(id)).component != keyframe.component; };
-  const auto scored = places.Query(places.Transform(keyframe.descriptors()).bow, everything);
+  const auto scored = places.Query(places.Transform(keyframe.features.Get()->features).bow, everything);
 
   // As alike as the least alike of those that are known to see the same.
   double min_score = 1.0;

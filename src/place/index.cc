@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <new>
+#include <tuple>
 #include <utility>
 
 namespace cairn::place {
@@ -10,7 +11,9 @@ namespace {
 // What bounded effort is, in postings: reaching those of a word takes as long in each segment as reading so many ...
 constexpr std::uint64_t kReach = 32;
 // ... and a query may take so many, and so many more per entry of the index.
-constexpr std::uint64_t kEffort = 300'000, kEffortPerEntry = 5;
+constexpr std::uint64_t kEffort = 300'000, kEffortPerEntry = 15;
+// Words that more than this part of the entries have come last.
+constexpr std::uint32_t kManyHave = 30;
 
 // One writer at a time.
 void Increase(std::atomic<std::uint32_t>* number, std::uint32_t by) {
@@ -163,30 +166,44 @@ std::uint32_t InvertedIndex::IdOf(std::uint32_t entry) const {
   return id_chunks_[entry / kIdsPerChunk].load(std::memory_order_acquire)[entry % kIdsPerChunk];
 }
 
-BowVector InvertedIndex::Telling(const BowVector& words) const {
-  const std::uint64_t size = num_entries();
+BowVector InvertedIndex::MostTelling(const BowVector& words, std::span<const std::uint8_t> octaves) const {
+  const std::uint32_t size = num_entries();
   const std::uint64_t reach = kReach * (size / PostingSegment::kMaxEntries + 1);
-  std::uint64_t left = kEffort + kEffortPerEntry * size;
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> by_frequency;  // and the number in `words`
+  struct Telling {
+    bool many_have;
+    int octave;
+    std::uint32_t frequency;
+    std::uint32_t number;  // in `words`
+  };
+  std::vector<Telling> telling;
+  std::uint64_t effort = 0;
   for (std::uint32_t i = 0; i < words.size(); ++i) {
     if (words[i].word >= idf_.size()) continue;
     const std::uint32_t frequency = frequency_[words[i].word].load(std::memory_order_relaxed);
-    if (frequency > 0) by_frequency.emplace_back(frequency, i);
+    if (frequency > 0) telling.push_back({frequency > size / kManyHave, octaves[i], frequency, i});
+    effort += reach + frequency;
   }
-  std::ranges::sort(by_frequency);
-  BowVector telling;
-  for (const auto& [frequency, i] : by_frequency) {
-    if (frequency + reach > left) break;
-    left -= frequency + reach;
-    telling.push_back(words[i]);
+  const std::uint64_t most = kEffort + kEffortPerEntry * size;
+  if (effort <= most) return words;
+  std::ranges::sort(telling, [](const Telling& a, const Telling& b) {
+    return std::tie(a.many_have, b.octave, a.number) < std::tie(b.many_have, a.octave, b.number);
+  });
+  BowVector compared;
+  effort = 0;
+  for (const Telling& word : telling) {
+    effort += reach + word.frequency;
+    if (effort > most) break;
+    compared.push_back(words[word.number]);
   }
-  std::ranges::sort(telling, {}, &WeightedWord::word);
-  return telling;
+  std::ranges::sort(compared, {}, &WeightedWord::word);
+  return compared;
 }
 
-Scores InvertedIndex::Score(const BowVector& all_words, Effort effort) const {
-  const BowVector telling = effort == Effort::kBounded ? Telling(all_words) : BowVector();
-  const BowVector& words = effort == Effort::kBounded ? telling : all_words;
+Scores InvertedIndex::ScoreBounded(const BowVector& words, std::span<const std::uint8_t> octaves) const {
+  return Score(MostTelling(words, octaves));
+}
+
+Scores InvertedIndex::Score(const BowVector& words) const {
   const std::uint32_t size = num_entries();
   Scores scores(size);
   const auto meets = [&scores](const WeightedWord& word, std::uint32_t entry, float weight) {

@@ -96,11 +96,13 @@ class InvertedIndex {
   std::span<const float> idf() const { return idf_; }
   std::uint32_t num_entries() const { return num_entries_.load(std::memory_order_acquire); }
 
-  // Most of the work of a query, which may then be asked for several bests. Bounded: of a query whose words many
-  // entries have, the words that fewest have, as many as take a time that grows more slowly than the index does. What
-  // is left out says least, and takes longest; scores are then smaller, and depend also on entries that do not count.
-  enum class Effort : std::uint8_t { kAllWords, kBounded };
-  Scores Score(const BowVector& words, Effort effort = Effort::kAllWords) const;
+  // Most of the work of a query, which may then be asked for several bests.
+  Scores Score(const BowVector& words) const;
+  // The same in a time that grows more slowly than the index does: if all words would take longer, as many as do not,
+  // those first that other images of the place are likely to have and few other entries do. `octaves` has the coarsest
+  // octave at which the image has each word; coarse features are found again more often. Scores are then smaller, and
+  // which words are compared depends on all entries, also on those that do not count.
+  Scores ScoreBounded(const BowVector& words, std::span<const std::uint8_t> octaves) const;
   // Best score first; of equal scores the smaller id. The answer depends on the entries that count alone.
   std::vector<Candidate> Best(const Scores& scores, const QueryOptions& options = {}, const Counts& counts = {}) const;
   std::vector<Candidate> Query(const BowVector& words, const QueryOptions& options = {},
@@ -144,7 +146,7 @@ class InvertedIndex {
   void SetId(std::uint32_t entry, std::uint32_t id);
   void Append(WordId word, Posting posting);
   // Those that are compared with bounded effort, ascending.
-  BowVector Telling(const BowVector& words) const;
+  BowVector MostTelling(const BowVector& words, std::span<const std::uint8_t> octaves) const;
   std::uint32_t IdOf(std::uint32_t entry) const;
 
   const std::vector<float> idf_;                        // by word

@@ -1,5 +1,6 @@
 #include "tracking/place_index.h"
 
+#include <algorithm>
 #include <mutex>
 #include <utility>
 
@@ -171,8 +172,10 @@ absl::StatusOr<PlaceIndex> PlaceIndex::After(const map::Delta& delta, const map:
 
 const place::Vocabulary& PlaceIndex::vocabulary() const { return *shared_->vocabulary; }
 
-place::Scores PlaceIndex::Score(const place::BowVector& words, place::InvertedIndex::Effort effort) const {
-  return shared_->index.Score(words, effort);
+place::Scores PlaceIndex::Score(const place::BowVector& words) const { return shared_->index.Score(words); }
+
+place::Scores PlaceIndex::ScoreBounded(const Words& words) const {
+  return shared_->index.ScoreBounded(words.bow, words.octaves);
 }
 
 std::vector<place::Candidate> PlaceIndex::Best(const place::Scores& scores, const place::QueryOptions& options) const {
@@ -197,10 +200,17 @@ std::vector<place::NodeId> PlaceIndex::NodesOf(const map::Keyframe& keyframe) co
   return nodes;
 }
 
-PlaceIndex::Words PlaceIndex::Transform(std::span<const image::Descriptor> descriptors) const {
+PlaceIndex::Words PlaceIndex::Transform(const image::Features& features) const {
   Words result;
-  result.bow = place::Weigh(shared_->vocabulary->LookupAll(descriptors, shared_->direct_level, &result.nodes),
-                            shared_->index.idf());
+  std::vector<place::WordId> words =
+      shared_->vocabulary->LookupAll(features.descriptors, shared_->direct_level, &result.nodes);
+  std::vector<std::uint8_t> octave_of_word(shared_->node_of_word.size(), 0);
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    octave_of_word[words[i]] = std::max(octave_of_word[words[i]], features.keypoints[i].octave);
+  }
+  result.bow = place::Weigh(std::move(words), shared_->index.idf());
+  result.octaves.reserve(result.bow.size());
+  for (const place::WeightedWord& word : result.bow) result.octaves.push_back(octave_of_word[word.word]);
   return result;
 }
 

@@ -66,20 +66,23 @@ class PlaceIndex {
   std::size_t size() const { return entries_.size(); }
 
   // As of place::InvertedIndex; ids of candidates are the values of KeyframeIds.
-  place::Scores Score(const place::BowVector& words, place::InvertedIndex::Effort effort) const;
+  place::Scores Score(const place::BowVector& words) const;
   std::vector<place::Candidate> Best(const place::Scores& scores, const place::QueryOptions& options) const;
   std::vector<place::Candidate> Query(const place::BowVector& words, const place::QueryOptions& options) const {
-    return Best(Score(words, place::InvertedIndex::Effort::kAllWords), options);
+    return Best(Score(words), options);
   }
   // Per feature of the keyframe, its node; empty for a keyframe that is not here.
   std::vector<place::NodeId> NodesOf(const map::Keyframe& keyframe) const;
 
-  // The same two of a query's descriptors.
+  // The same two of a query's features.
   struct Words {
     place::BowVector bow;
+    std::vector<std::uint8_t> octaves;  // by word of the bag: the coarsest at which the image has it
     std::vector<place::NodeId> nodes;
   };
-  Words Transform(std::span<const image::Descriptor> descriptors) const;
+  Words Transform(const image::Features& features) const;
+  // In a time that is bounded, for an answer each to a live image (place::InvertedIndex::ScoreBounded).
+  place::Scores ScoreBounded(const Words& words) const;
 
  private:
   PlaceIndex() = default;

@@ -96,7 +96,7 @@ class PlaceSearch {
   }
 
   absl::StatusOr<Relocalization> Run() {
-    scores_ = query_.places.Score(query_.words.bow, place::InvertedIndex::Effort::kBounded);
+    scores_ = query_.places.ScoreBounded(query_.words);
     const auto candidates = Candidates({});
     miss_.counts.candidates = static_cast<int>(candidates.size());
     if (trace_ != nullptr) trace_->candidates = candidates;
@@ -307,7 +307,7 @@ absl::StatusOr<Relocalization> RelocalizeTraced(const RelocalizerOptions& option
                          pinhole,
                          features,
                          image::FeatureGrid(features.keypoints, pinhole.width_px, pinhole.height_px),
-                         places.Transform(features.descriptors)};
+                         places.Transform(features)};
   return PlaceSearch(query, options, area, trace).Run();
 }
 

@@ -238,7 +238,7 @@ TEST(MapView, FollowsTheMapByDeltas) {
   const auto before = MapView::Create(scene.map, scene.vocabulary);
   ASSERT_TRUE(before.ok()) << before.status();
   const PlaceIndex& places = *(*before)->places();
-  const place::BowVector words = places.Transform(scene.map->keyframe(KeyframeId(3)).descriptors()).bow;
+  const place::BowVector words = places.Transform(scene.map->keyframe(KeyframeId(3)).features.Get()->features).bow;
   const auto found_before = places.Query(words, {});
 
   map::Edit edit(scene.map);
@@ -252,7 +252,7 @@ TEST(MapView, FollowsTheMapByDeltas) {
   EXPECT_EQ((*after)->places()->size(), places.size());
   EXPECT_TRUE((*after)->places()->NodesOf(scene.map->keyframe(KeyframeId(2))).empty());
   EXPECT_EQ((*after)->places()->NodesOf((*after)->map().keyframe(added)),
-            places.Transform((*after)->map().keyframe(added).descriptors()).nodes);
+            places.Transform((*after)->map().keyframe(added).features.Get()->features).nodes);
   EXPECT_EQ((*after)->After(delta).status().code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(places.Query(words, {}), found_before) << "an older view answers as before";
 
@@ -281,7 +281,7 @@ TEST(MapView, OneViewCanHaveTwoSuccessors) {
   const auto anew = MapView::Create((*kept)->snapshot(), scene.vocabulary);
   ASSERT_TRUE(anew.ok());
   for (const KeyframeId id : {KeyframeId(2), KeyframeId(5)}) {
-    const place::BowVector words = (*anew)->places()->Transform(scene.map->keyframe(id).descriptors()).bow;
+    const place::BowVector words = (*anew)->places()->Transform(scene.map->keyframe(id).features.Get()->features).bow;
     EXPECT_EQ((*kept)->places()->Query(words, {}), (*anew)->places()->Query(words, {}));
   }
 }
@@ -416,7 +416,7 @@ TEST(PlaceIndex, RejectsAnotherVocabulary) {
 TEST(GroupMatcher, MatchesAreRightAndUnique) {
   const Scene& scene = Scene::Get();
   const View view = scene.See(Look({0.4, 0.1, -1.5}, 0.1), 5);
-  const auto words = scene.places->Transform(view.features.descriptors);
+  const auto words = scene.places->Transform(view.features);
   const std::vector<KeyframeId> group = {KeyframeId(6), KeyframeId(7), KeyframeId(8), KeyframeId(12345)};
   const auto matches = MatchGroup(*scene.map, *scene.places, group, view.features, words.nodes);
   ASSERT_GT(matches.size(), 40u);
