@@ -16,8 +16,9 @@ constexpr double kBehind = 1e6;  // chi-square of a point behind the camera
 
 constexpr double kContradictionSigmas = 5.0, kDoubtSigmas = 3.0;
 // What is known better than this is left to the doubts: a calibration that is off by more than a few per cent would be
-// seen. What is not may be off by up to the second: five times as much is the worst that is found in the field.
-constexpr double kToldFocal = 0.015, kWorstFocal = 0.1;
+// seen. What is not may be off by up to the second: five times as much is the worst that is found in the field. With
+// half the right focal length a wall that is seen straight is twice as far away as the pose says.
+constexpr double kToldFocal = 0.015, kWorstFocal = 0.21;
 constexpr double kToldPrincipal = 0.01, kWorstPrincipal = 0.04;
 
 double LongerSide(const Pinhole& pinhole) { return std::max(pinhole.width_px, pinhole.height_px); }
@@ -217,7 +218,7 @@ absl::StatusOr<FocalEstimate> EstimateFocal(const Pinhole& pinhole, const SE3& c
 Matrix6d CoverFocal(const SE3& camera_from_map, const Matrix6d& covariance, const FocalEstimate& estimate) {
   Matrix6d covered = covariance;
   const bool doubts = estimate.Doubts();
-  if (doubts) {
+  if (doubts || estimate.log_sigma > kToldFocal) {
     const Vector6d apart = (estimate.camera_from_map * camera_from_map.Inverse()).Log();
     covered += apart * apart.transpose();
   }

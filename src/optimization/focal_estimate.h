@@ -60,9 +60,9 @@ absl::StatusOr<FocalEstimate> EstimateFocal(const Pinhole& pinhole, const SE3& c
                                             const PoseRefinementOptions& options = {}, const FocalPrior& prior = {});
 
 // The covariance of a pose from the calibration as it is, made to cover what the matches say of that: where they doubt
-// it, the difference between the two poses as one standard deviation; where they leave it open, how the pose would go
-// with a calibration that is wrong by as much as they allow, up to what calibrations err at worst. As a left increment
-// of camera_from_map.
+// it or say next to nothing of it, the difference between the two poses as one standard deviation; where they leave it
+// open, how the pose would go with a calibration that is wrong by as much as they allow, up to what calibrations err at
+// worst (five standard deviations cover half of the right focal length). As a left increment of camera_from_map.
 Matrix6d CoverFocal(const SE3& camera_from_map, const Matrix6d& covariance, const FocalEstimate& estimate);
 
 }  // namespace cairn::optimization

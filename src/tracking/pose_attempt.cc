@@ -19,6 +19,7 @@ using optimization::PoseObservation;
 
 // Where fewer than so many of the matches agree with the pose, another calibration is looked for.
 constexpr double kExplained = 0.5;
+constexpr double kExplainedInDoubt = 0.8;  // likewise, where those around it are not quite those of its calibration
 // If none is found, the matches around the pose, which agree with it by their choice, do not tell the focal length
 // better than so much (of its logarithm).
 constexpr double kUnexplainedSigma = 0.04;
@@ -230,49 +231,69 @@ std::vector<PoseObservation> ObservationsOf(const ImageQuery& query, std::span<c
   return observations;
 }
 
-// The calibration that the matches around the pose show if its principal point is far from where it should be.
-std::optional<optimization::FocalEstimate> PrincipalElsewhere(const ImageQuery& query, const Estimate& estimate) {
+// What the matches around the pose show if the principal point is the question, too.
+absl::StatusOr<optimization::FocalEstimate> WithPrincipalPoint(const ImageQuery& query, const Estimate& estimate) {
   optimization::PoseRefinementOptions few;
   few.rounds = 2;
   few.iterations_per_round = 3;
-  const auto joint = optimization::EstimateFocal(query.pinhole, estimate.camera_from_map, estimate.observations, few,
-                                                 optimization::FocalPrior::WithPrincipalPoint());
-  if (!joint.ok() || !joint->PrincipalContradicts()) return std::nullopt;
-  return *joint;
+  return optimization::EstimateFocal(query.pinhole, estimate.camera_from_map, estimate.observations, few,
+                                     optimization::FocalPrior::WithPrincipalPoint());
 }
 
-// What the image says of its calibration: by the matches around the pose, and, where these contradict it, or many of
-// the others do not agree with the pose, by what another calibration finds.
+// Another calibration that more of the matches agree with than with the one as it is.
+std::optional<OtherCalibration> SearchRival(const ImageQuery& query, const RelocalizerOptions& options,
+                                            std::span<const PoseObservation> all, const SE3& camera_from_map, int agree,
+                                            bool from_anywhere) {
+  auto other = SearchCalibration(query.pinhole, camera_from_map, all);
+  // From a pose that is nowhere near, no way leads to the right one.
+  if (from_anywhere && !(other && ManyMore(other->num_inliers, agree))) {
+    auto elsewhere = SearchCalibration(query.pinhole, all, options.pnp);
+    if (elsewhere && (!other || elsewhere->num_inliers > other->num_inliers)) other = std::move(elsewhere);
+  }
+  if (other && other->num_inliers <= agree) return std::nullopt;
+  return other;
+}
+
+// What the image says of its calibration: by the matches around the pose, and, where these doubt it, or many of the
+// others do not agree with the pose, by what another calibration finds.
 std::optional<optimization::FocalEstimate> JudgeCalibration(const ImageQuery& query, const RelocalizerOptions& options,
                                                             std::span<const GroupMatch> matches,
                                                             const Estimate& estimate) {
   const auto own = optimization::EstimateFocal(query.pinhole, estimate.camera_from_map, estimate.observations);
+  const auto wide = WithPrincipalPoint(query, estimate);
   const std::vector<PoseObservation> all = ObservationsOf(query, matches);
   const int agree = CountInliers(query.pinhole, estimate.camera_from_map, all);
   std::optional<optimization::FocalEstimate> doubted;
   if (own.ok() && own->Contradicts()) doubted = *own;
-  if (auto elsewhere = PrincipalElsewhere(query, estimate)) doubted = std::move(elsewhere);
-  std::optional<Recalibrated> better;
-  const bool explained = agree >= kExplained * static_cast<double>(all.size());
-  if (doubted || !own.ok() || !explained) {
-    auto other = SearchCalibration(query.pinhole, estimate.camera_from_map, all);
-    // From a pose that is nowhere near, no way leads to the right one.
-    if (!explained && !(other && ManyMore(other->num_inliers, agree))) {
-      other = SearchCalibration(query.pinhole, all, options.pnp);
-    }
-    if (other && ManyMore(other->num_inliers, agree)) {
-      better = Recalibrate(query, options, other->pinhole, StartOf(*other, matches));
-    } else if (doubted) {
-      Estimate start = estimate;
-      start.camera_from_map = doubted->camera_from_map;
-      better = Recalibrate(query, options, doubted->Corrected(query.pinhole), std::move(start));
-    }
+  if (wide.ok() && wide->PrincipalContradicts()) doubted = *wide;
+  const double explained = static_cast<double>(agree) / static_cast<double>(all.size());
+  const bool doubts = (own.ok() && own->Doubts()) || (wide.ok() && wide->Doubts());
+  std::optional<OtherCalibration> rival;
+  if (doubted || !own.ok() || explained < (doubts ? kExplainedInDoubt : kExplained)) {
+    rival = SearchRival(query, options, all, estimate.camera_from_map, agree, explained < kExplained);
   }
-  if (better && better->estimate.inliers.size() >= estimate.inliers.size()) return better->calibration;
+  std::optional<Recalibrated> better;
+  bool believed = doubted.has_value();
+  if (rival && (!doubted || ManyMore(rival->num_inliers, agree))) {
+    better = Recalibrate(query, options, rival->pinhole, StartOf(*rival, matches));
+    believed = ManyMore(rival->num_inliers, agree);
+  } else if (doubted) {
+    Estimate start = estimate;
+    start.camera_from_map = doubted->camera_from_map;
+    better = Recalibrate(query, options, doubted->Corrected(query.pinhole), std::move(start));
+  }
+  const auto inliers = static_cast<int>(estimate.inliers.size());
+  const int with_better = better ? static_cast<int>(better->estimate.inliers.size()) : 0;
+  // Where no more of the first matches bear it out than chance may, the guided search has to.
+  if (better && with_better >= inliers && (believed || ManyMore(with_better, inliers))) return better->calibration;
   if (doubted) return doubted;
   if (!own.ok()) return std::nullopt;
   optimization::FocalEstimate open = *own;
-  if (!explained) open.log_sigma = std::max(open.log_sigma, kUnexplainedSigma);
+  if (explained < kExplained) open.log_sigma = std::max(open.log_sigma, kUnexplainedSigma);
+  // What the matches allow as well.
+  if (better && with_better >= inliers) {
+    open.log_sigma = std::max(open.log_sigma, std::abs(std::log(better->calibration.scale)));
+  }
   return open;
 }
 
