@@ -211,8 +211,8 @@ TEST(InvertedIndex, AnswersTheSameFromPackedSegments) {
   }
 }
 
-// Every entry has the first fifty words, and 90 of the others at random. Asked for an entry's words, which the image has
-// at its coarsest octave, and four thousand others.
+// Every entry has the first fifty words, and 90 of the others at random. Asked for an entry's words, which the image
+// has at its coarsest octave, and four thousand others.
 TEST(InvertedIndex, ABoundedQueryLeavesOutWordsThatManyHave) {
   constexpr WordId kNumWords = 9000, kCommon = 50;
   Random random(10);

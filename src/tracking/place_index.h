@@ -81,7 +81,7 @@ class PlaceIndex {
     std::vector<place::NodeId> nodes;
   };
   Words Transform(const image::Features& features) const;
-  // In a time that is bounded, for an answer each to a live image (place::InvertedIndex::ScoreBounded).
+  // In a time that hardly grows with the map (place::InvertedIndex::ScoreBounded).
   place::Scores ScoreBounded(const Words& words) const;
 
  private:
