@@ -15,6 +15,16 @@ constexpr std::uint64_t kEffort = 300'000, kEffortPerEntry = 15;
 // Words that more than this part of the entries have come last.
 constexpr std::uint32_t kManyHave = 30;
 
+// Those with the best entries by then are looked at by all words: so many of them.
+constexpr std::size_t kSegmentsAgain = 4;
+
+struct Meeting {
+  Scores* scores;
+  void operator()(const WeightedWord& word, std::uint32_t entry, float weight) const {
+    scores->Meet(entry, word.weight, weight);
+  }
+};
+
 // One writer at a time.
 void Increase(std::atomic<std::uint32_t>* number, std::uint32_t by) {
   number->store(number->load(std::memory_order_relaxed) + by, std::memory_order_relaxed);
@@ -148,7 +158,6 @@ absl::Status InvertedIndex::AddSegment(std::span<const std::uint32_t> ids, Posti
 }
 
 void InvertedIndex::Append(WordId word, Posting posting) {
-  Increase(&frequency_[word], 1);
   Block* block = blocks_[word].load(std::memory_order_relaxed);
   std::uint32_t size = block == nullptr ? 0 : block->size.load(std::memory_order_relaxed);
   const bool full = block == nullptr || size == block->capacity;
@@ -166,7 +175,8 @@ std::uint32_t InvertedIndex::IdOf(std::uint32_t entry) const {
   return id_chunks_[entry / kIdsPerChunk].load(std::memory_order_acquire)[entry % kIdsPerChunk];
 }
 
-BowVector InvertedIndex::MostTelling(const BowVector& words, std::span<const std::uint8_t> octaves) const {
+std::pair<BowVector, BowVector> InvertedIndex::MostTelling(const BowVector& words,
+                                                           std::span<const std::uint8_t> octaves) const {
   const std::uint32_t size = num_entries();
   const std::uint64_t reach = kReach * (size / PostingSegment::kMaxEntries + 1);
   struct Telling {
@@ -176,43 +186,51 @@ BowVector InvertedIndex::MostTelling(const BowVector& words, std::span<const std
     std::uint32_t number;  // in `words`
   };
   std::vector<Telling> telling;
-  std::uint64_t effort = 0;
   for (std::uint32_t i = 0; i < words.size(); ++i) {
     if (words[i].word >= idf_.size()) continue;
     const std::uint32_t frequency = frequency_[words[i].word].load(std::memory_order_relaxed);
     if (frequency > 0) telling.push_back({frequency > size / kManyHave, octaves[i], frequency, i});
-    effort += reach + frequency;
   }
-  const std::uint64_t most = kEffort + kEffortPerEntry * size;
-  if (effort <= most) return words;
   std::ranges::sort(telling, [](const Telling& a, const Telling& b) {
     return std::tie(a.many_have, b.octave, a.number) < std::tie(b.many_have, a.octave, b.number);
   });
-  BowVector compared;
-  effort = 0;
+  std::pair<BowVector, BowVector> first_and_others;
+  std::uint64_t effort = 0;
   for (const Telling& word : telling) {
     effort += reach + word.frequency;
-    if (effort > most) break;
-    compared.push_back(words[word.number]);
+    const bool first = effort <= kEffort + kEffortPerEntry * size;
+    (first ? first_and_others.first : first_and_others.second).push_back(words[word.number]);
   }
-  std::ranges::sort(compared, {}, &WeightedWord::word);
-  return compared;
+  std::ranges::sort(first_and_others.first, {}, &WeightedWord::word);
+  std::ranges::sort(first_and_others.second, {}, &WeightedWord::word);
+  return first_and_others;
 }
 
-Scores InvertedIndex::ScoreBounded(const BowVector& words, std::span<const std::uint8_t> octaves) const {
-  return Score(MostTelling(words, octaves));
+std::vector<const PostingSegment*> InvertedIndex::SegmentsOfBest(const Scores& scores) const {
+  std::vector<std::pair<double, const PostingSegment*>> segments;  // and the best score there
+  for (const Segments* at = segments_.load(std::memory_order_acquire); at != nullptr; at = at->older) {
+    const PostingSegment& segment = at->newest;
+    if (segment.first() >= scores.size()) continue;  // it came meanwhile
+    double best = 0.0;
+    for (std::uint32_t i = 0; i < segment.num_entries(); ++i) best = std::max(best, scores.score(segment.first() + i));
+    segments.emplace_back(best, &segment);
+  }
+  std::ranges::sort(segments, [](const auto& a, const auto& b) {
+    return a.first != b.first ? a.first > b.first : a.second->first() < b.second->first();
+  });
+  std::vector<const PostingSegment*> best;
+  for (std::size_t i = 0; i < std::min(segments.size(), kSegmentsAgain); ++i) best.push_back(segments[i].second);
+  return best;
 }
 
-Scores InvertedIndex::Score(const BowVector& words) const {
-  const std::uint32_t size = num_entries();
-  Scores scores(size);
-  const auto meets = [&scores](const WeightedWord& word, std::uint32_t entry, float weight) {
-    scores.Meet(entry, word.weight, weight);
-  };
+void InvertedIndex::MeetSegments(const BowVector& words, Scores* scores) const {
   // Segment by segment, so that what is looked at lies together.
   for (const Segments* at = segments_.load(std::memory_order_acquire); at != nullptr; at = at->older) {
-    if (at->newest.first() < size) at->newest.ForAll(words, idf_, meets);
+    if (at->newest.first() < scores->size()) at->newest.ForAll(words, idf_, Meeting{scores});  // else it came meanwhile
   }
+}
+
+void InvertedIndex::MeetBlocks(const BowVector& words, Scores* scores) const {
   for (const WeightedWord& word : words) {
     if (word.word >= idf_.size()) continue;
     for (const Block* block = blocks_[word.word].load(std::memory_order_acquire); block != nullptr;
@@ -220,10 +238,28 @@ Scores InvertedIndex::Score(const BowVector& words) const {
       const std::uint32_t filled = block->size.load(std::memory_order_acquire);
       for (std::uint32_t i = 0; i < filled; ++i) {
         const Posting& posting = block->postings()[i];
-        if (posting.entry < size) meets(word, posting.entry, posting.weight);  // else it came meanwhile
+        // Else it came meanwhile.
+        if (posting.entry < scores->size()) scores->Meet(posting.entry, word.weight, posting.weight);
       }
     }
   }
+}
+
+Scores InvertedIndex::Score(const BowVector& words) const {
+  Scores scores(num_entries());
+  MeetSegments(words, &scores);
+  MeetBlocks(words, &scores);
+  return scores;
+}
+
+Scores InvertedIndex::ScoreBounded(const BowVector& words, std::span<const std::uint8_t> octaves) const {
+  const auto [first, others] = MostTelling(words, octaves);
+  Scores scores(num_entries());
+  MeetSegments(first, &scores);
+  if (!others.empty()) {
+    for (const PostingSegment* segment : SegmentsOfBest(scores)) segment->ForAll(others, idf_, Meeting{&scores});
+  }
+  MeetBlocks(words, &scores);
   return scores;
 }
 

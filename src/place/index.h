@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "base/status.h"
@@ -98,10 +99,11 @@ class InvertedIndex {
 
   // Most of the work of a query, which may then be asked for several bests.
   Scores Score(const BowVector& words) const;
-  // The same in a time that grows more slowly than the index does: if all words would take longer, as many as do not,
-  // those first that other images of the place are likely to have and few other entries do. `octaves` has the coarsest
-  // octave at which the image has each word; coarse features are found again more often. Scores are then smaller, and
-  // which words are compared depends on all entries, also on those that do not count.
+  // The same in a time that grows more slowly than the index does. If all words would take longer, entries that came
+  // together are compared by as many as do not, those first that other images of the place are likely to have and few
+  // other entries do; by all where the best of these are. `octaves` has the coarsest octave at which the image has each
+  // word; coarse features are found again more often. Scores elsewhere are then smaller, and which words are compared
+  // depends on all entries, also on those that do not count.
   Scores ScoreBounded(const BowVector& words, std::span<const std::uint8_t> octaves) const;
   // Best score first; of equal scores the smaller id. The answer depends on the entries that count alone.
   std::vector<Candidate> Best(const Scores& scores, const QueryOptions& options = {}, const Counts& counts = {}) const;
@@ -145,12 +147,15 @@ class InvertedIndex {
   void Push(PostingSegment segment);
   void SetId(std::uint32_t entry, std::uint32_t id);
   void Append(WordId word, Posting posting);
-  // Those that are compared with bounded effort, ascending.
-  BowVector MostTelling(const BowVector& words, std::span<const std::uint8_t> octaves) const;
+  // Those that are compared everywhere with bounded effort, and the others that entries of segments have; ascending.
+  std::pair<BowVector, BowVector> MostTelling(const BowVector& words, std::span<const std::uint8_t> octaves) const;
+  std::vector<const PostingSegment*> SegmentsOfBest(const Scores& scores) const;
+  void MeetSegments(const BowVector& words, Scores* scores) const;
+  void MeetBlocks(const BowVector& words, Scores* scores) const;
   std::uint32_t IdOf(std::uint32_t entry) const;
 
   const std::vector<float> idf_;                        // by word
-  std::vector<std::atomic<std::uint32_t>> frequency_;   // by word: how many entries have it
+  std::vector<std::atomic<std::uint32_t>> frequency_;   // by word: how many entries of segments have it
   std::vector<std::atomic<Block*>> blocks_;             // by word: of entries that came alone
   std::atomic<Segments*> segments_ = nullptr;           // of those that came together
   std::vector<std::atomic<std::uint32_t*>> id_chunks_;  // ids of entries
