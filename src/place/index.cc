@@ -10,7 +10,7 @@ namespace {
 
 // What bounded effort is, in postings: reaching those of a word takes as long in each segment as reading so many ...
 constexpr std::uint64_t kReach = 32;
-// ... and a query may take so many, and so many more per entry of the index.
+// ... and a query may take so many, and so many more per entry of the index: what two maps needed (docs/benchmarks.md).
 constexpr std::uint64_t kEffort = 300'000, kEffortPerEntry = 15;
 // Words that more than this part of the entries have come last.
 constexpr std::uint32_t kManyHave = 30;

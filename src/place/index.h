@@ -99,7 +99,7 @@ class InvertedIndex {
 
   // Most of the work of a query, which may then be asked for several bests.
   Scores Score(const BowVector& words) const;
-  // The same in a time that grows more slowly than the index does. If all words would take longer, entries that came
+  // The same in less time per entry the larger the index is. If all words would take longer, entries that came
   // together are compared by as many as do not, those first that other images of the place are likely to have and few
   // other entries do; by all where the best of these are. `octaves` has the coarsest octave at which the image has each
   // word; coarse features are found again more often. Scores elsewhere are then smaller, and which words are compared

@@ -81,7 +81,7 @@ class PlaceIndex {
     std::vector<place::NodeId> nodes;
   };
   Words Transform(const image::Features& features) const;
-  // In a time that hardly grows with the map (place::InvertedIndex::ScoreBounded).
+  // Of a large map by part of the words: faster, not exact (place::InvertedIndex::ScoreBounded).
   place::Scores ScoreBounded(const Words& words) const;
 
  private:

@@ -259,6 +259,22 @@ TEST(Relocalizer, ChecksItsArguments) {
             absl::StatusCode::kFailedPrecondition);
 }
 
+TEST(PlaceIndex, GivesTheCoarsestOctaveOfEachWord) {
+  const Scene& scene = Scene::Get();
+  const image::Features features = scene.See(Look({0, 0, -2}, 0), 1).features;
+  const PlaceIndex::Words words = scene.places->Transform(features);
+  const std::vector<place::WordId> word_of = scene.places->vocabulary().LookupAll(features.descriptors);
+  ASSERT_EQ(words.octaves.size(), words.bow.size());
+  ASSERT_FALSE(words.bow.empty());
+  for (std::size_t i = 0; i < words.bow.size(); ++i) {
+    int coarsest = -1;
+    for (std::size_t k = 0; k < word_of.size(); ++k) {
+      if (word_of[k] == words.bow[i].word) coarsest = std::max<int>(coarsest, features.keypoints[k].octave);
+    }
+    EXPECT_EQ(words.octaves[i], coarsest);
+  }
+}
+
 TEST(MapView, FollowsTheMapByDeltas) {
   const Scene& scene = Scene::Get();
   const auto before = MapView::Create(scene.map, scene.vocabulary);
