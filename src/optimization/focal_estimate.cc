@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "optimization/normal_sum.h"
+
 namespace cairn::optimization {
 namespace {
 
@@ -65,8 +67,11 @@ FocalEquations LinearizeAt(const Pinhole& pinhole, const FocalState& state,
                            const HuberLoss& loss, const FocalPrior& prior) {
   FocalEquations sum;
   const Pinhole applied = state.Applied(pinhole);
-  const double side = LongerSide(pinhole);
   const Matrix3d rotation = state.camera_from_map.RotationMatrix();
+  NormalSum pose_and_focal;
+  // The residual goes with the shift of the principal point one to one, by the longer side.
+  NormalSum::Row by_shift_x = NormalSum::Row::Zero(), by_shift_y = NormalSum::Row::Zero();
+  double shift_weight = 0.0;
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!inlier[i]) continue;
     const PoseObservation& observation = observations[i];
@@ -80,14 +85,24 @@ FocalEquations LinearizeAt(const Pinhole& pinhole, const FocalState& state,
     const double chi2 = std::min(kBehind, residual.squaredNorm() * precision);
     sum.cost += loss.Value(chi2);
     if (chi2 >= kBehind) continue;
-    Eigen::Matrix<double, 2, 9> j;
+    Eigen::Matrix<double, 2, 7> j;
     j.leftCols<6>() = ReprojectionByPose(applied, point_c);
     j.col(6) = ReprojectionByLogFocal(applied, point_c);
-    j.rightCols<2>() = side * Eigen::Matrix2d::Identity();
+    const NormalSum::Row u = NormalSum::RowOf<7>(j.row(0), residual.x());
+    const NormalSum::Row v = NormalSum::RowOf<7>(j.row(1), residual.y());
     const double weight = loss.Weight(chi2) * precision;
-    sum.hessian += (weight * j.transpose()).lazyProduct(j);  // just large enough for the slow way of large products
-    sum.gradient.noalias() += weight * j.transpose() * residual;
+    pose_and_focal.Add(weight, u, v);
+    by_shift_x += weight * u;
+    by_shift_y += weight * v;
+    shift_weight += weight;
   }
+  const double side = LongerSide(pinhole);
+  sum.hessian.topLeftCorner<7, 7>() = pose_and_focal.Hessian<7>();
+  sum.hessian.block<7, 1>(0, 7) = side * by_shift_x.head<7>();
+  sum.hessian.block<7, 1>(0, 8) = side * by_shift_y.head<7>();
+  sum.hessian.bottomLeftCorner<2, 7>() = sum.hessian.topRightCorner<7, 2>().transpose();
+  sum.hessian(7, 7) = sum.hessian(8, 8) = side * side * shift_weight;
+  sum.gradient << pose_and_focal.Gradient<7>(), side * by_shift_x[7], side * by_shift_y[7];
   AddPrior(state, prior, &sum);
   return sum;
 }

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "optimization/normal_sum.h"
+
 namespace cairn::optimization {
 namespace {
 
@@ -28,6 +30,7 @@ NormalEquations Linearize(const Pinhole& pinhole, const SE3& camera_from_map,
                           std::span<const PoseObservation> observations, std::span<const std::uint8_t> inlier,
                           const HuberLoss& loss) {
   NormalEquations sum;
+  NormalSum squares;
   const Matrix3d rotation = camera_from_map.RotationMatrix();
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!inlier[i]) continue;
@@ -43,9 +46,10 @@ NormalEquations Linearize(const Pinhole& pinhole, const SE3& camera_from_map,
     sum.cost += loss.Value(chi2);
     const Matrix26d j = ReprojectionByPose(pinhole, point_c);
     const double weight = information * loss.Weight(chi2);
-    sum.hessian.noalias() += weight * j.transpose() * j;
-    sum.gradient.noalias() += weight * j.transpose() * residual;
+    squares.Add(weight, NormalSum::RowOf<6>(j.row(0), residual.x()), NormalSum::RowOf<6>(j.row(1), residual.y()));
   }
+  sum.hessian = squares.Hessian<6>();
+  sum.gradient = squares.Gradient<6>();
   return sum;
 }
 

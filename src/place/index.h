@@ -54,7 +54,7 @@ class Scores {
 
   // A word that weighs so much, at most 1, in the one and in the other.
   void Meet(std::uint32_t entry, float weight, float other_weight) {
-    shared_[entry] += kCommonWord + static_cast<std::uint64_t>(std::min(weight, other_weight) * kOne);
+    shared_[entry] += kCommonWord + static_cast<std::int64_t>(std::min(weight, other_weight) * kOne);
   }
 
  private:

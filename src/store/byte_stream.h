@@ -66,6 +66,11 @@ class ByteReader {
     ok_ = false;
     return 0;
   }
+  // Passes over so many whole numbers.
+  void SkipVarints(std::uint64_t count) {
+    for (; count > 0 && at_ != end_; ++at_) count -= *at_ < 0x80 ? 1 : 0;
+    ok_ = ok_ && count == 0;
+  }
   Bytes Raw(std::size_t size) {
     if (!Has(size)) return {};
     at_ += size;

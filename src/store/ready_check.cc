@@ -7,7 +7,7 @@
 #include "place/posting_segment.h"
 #include "place/vocabulary.h"
 #include "store/map_reader.h"
-#include "store/ready_map.h"
+#include "store/ready_file.h"
 #include "store/ready_writer.h"
 #include "store/row.h"
 

@@ -3,23 +3,15 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <string>
 
 #include "base/status.h"
 #include "map/entity_source.h"
 #include "map/feature_cache.h"
 #include "store/file_paths.h"
-#include "store/ready_pages.h"
-#include "store/sqlite.h"
+#include "store/ready_file.h"
 
 namespace cairn::store {
-
-// A page within a transaction; nothing if there is none, or no table. DataLoss (without a fault) if it is damaged.
-absl::StatusOr<std::optional<std::string>> ReadReadyPage(Database* database, ReadyKind kind, std::uint32_t number,
-                                                         Revision* revision = nullptr);
-// Likewise the first page.
-absl::StatusOr<std::optional<ReadyIndex>> ReadReadyIndex(Database* database);
 
 // Keyframes and points of the revision of `index`, from the map at `path`, which messages name so; `resolved` as SQLite
 // knows it. It has a connection of its own. What cannot be read, or was written anew since, is told to `cache`, from

@@ -286,11 +286,18 @@ TEST(ReadyPages, DamagedContentIsRefusedOrHarmless) {
       changed[i] = static_cast<char>(random.Below(256));
       if (i % 3 == 0) changed.resize(i);
       if (which == 0) ReadyIndex::Unpack(AsBytes(changed)).IgnoreError();
-      const auto keyframes = UnpackReadyKeyframes(0, index, AsBytes(changed));
-      if (keyframes.ok()) {
-        for (const auto& keyframe : *keyframes) {
-          for (const PointId id : keyframe->points) EXPECT_TRUE(!id || index.HasPoint(id));
-          for (const map::CovisibilityEdge& edge : keyframe->covisible) EXPECT_NE(index.Find(edge.keyframe), nullptr);
+      const auto ends = FindReadyKeyframes(0, index, AsBytes(changed));
+      for (std::uint32_t id = 1; ends.ok() && id < kKeyframesPerPage; ++id) {
+        ASSERT_LE((*ends)[id], (*ends)[id + 1]);
+        ASSERT_LE((*ends)[id + 1], changed.size());
+        const ReadyKeyframe* known = index.Find(KeyframeId(id));
+        if (known == nullptr) continue;
+        const auto keyframe =
+            UnpackReadyKeyframe(index, *known, AsBytes(changed).subspan((*ends)[id], (*ends)[id + 1] - (*ends)[id]));
+        if (!keyframe.ok()) continue;
+        for (const PointId point : (*keyframe)->points) EXPECT_TRUE(!point || index.HasPoint(point));
+        for (const map::CovisibilityEdge& edge : (*keyframe)->covisible) {
+          EXPECT_NE(index.Find(edge.keyframe), nullptr);
         }
       }
       std::vector<map::MapPoint> points;

@@ -266,6 +266,7 @@ absl::Status TakeKeyframe(const ReadyIndex& index, const ReadyKeyframe& known, B
     if (!keyframe->children.back()) return Bad("a child is not there");
   }
   const std::uint64_t edges = in->VarintUpTo(in->left());
+  keyframe->covisible.reserve(edges);
   for (std::uint64_t i = 0; i < edges && in->ok(); ++i) {
     const KeyframeId other = take(nullptr);
     const std::uint64_t shared = in->VarintUpTo(std::numeric_limits<int>::max());
@@ -288,19 +289,33 @@ absl::Status TakeKeyframe(const ReadyIndex& index, const ReadyKeyframe& known, B
 
 }  // namespace
 
-absl::StatusOr<std::vector<std::shared_ptr<map::Keyframe>>> UnpackReadyKeyframes(std::uint32_t number,
-                                                                                 const ReadyIndex& index, Bytes bytes) {
-  ByteReader in(bytes);
-  std::vector<std::shared_ptr<map::Keyframe>> keyframes;
+absl::StatusOr<ReadyKeyframeEnds> FindReadyKeyframes(std::uint32_t number, const ReadyIndex& index, Bytes content) {
+  constexpr std::size_t kPose = 7 * sizeof(double);
+  ByteReader in(content);
+  ReadyKeyframeEnds ends{};
   for (std::uint32_t i = 0; i < kKeyframesPerPage; ++i) {
-    const ReadyKeyframe* known = index.Find(KeyframeId(number * kKeyframesPerPage + i));
-    if (known == nullptr) continue;
-    auto keyframe = std::make_shared<map::Keyframe>();
-    CAIRN_RETURN_IF_ERROR(TakeKeyframe(index, *known, &in, keyframe.get()));
-    keyframes.push_back(std::move(keyframe));
+    if (index.Find(KeyframeId(number * kKeyframesPerPage + i)) != nullptr) {
+      in.SkipVarints(2);                                  // time, number of the frame
+      in.Raw(kPose);                                      // camera_from_direct
+      in.SkipVarints(2);                                  // segment, parent
+      in.SkipVarints(in.Varint());                        // children
+      in.SkipVarints(2 * in.VarintUpTo(content.size()));  // neighbours, each with the points that both see
+      in.SkipVarints(2 * in.VarintUpTo(content.size()));  // features that have a point, each with it
+      if (!in.ok()) return Bad("it is cut off");
+    }
+    ends[i + 1] = static_cast<std::uint32_t>(content.size() - in.left());
   }
   if (in.left() != 0) return Bad("there is more than it should hold");
-  return keyframes;
+  return ends;
+}
+
+absl::StatusOr<std::shared_ptr<map::Keyframe>> UnpackReadyKeyframe(const ReadyIndex& index, const ReadyKeyframe& known,
+                                                                   Bytes part) {
+  ByteReader in(part);
+  auto keyframe = std::make_shared<map::Keyframe>();
+  CAIRN_RETURN_IF_ERROR(TakeKeyframe(index, known, &in, keyframe.get()));
+  if (in.left() != 0) return Bad("there is more than it should hold");
+  return keyframe;
 }
 
 // --- points ---

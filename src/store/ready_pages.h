@@ -5,6 +5,7 @@
 // This is how its pages are written; all that is read is checked, so that nothing in a page leads out of the map.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -91,10 +92,15 @@ absl::StatusOr<std::optional<ReadyIndex>> IndexOf(const map::Snapshot& map);
 std::string PackReadyKeyframes(std::span<const map::Keyframe* const> keyframes);
 std::string PackReadyPoints(std::span<const map::MapPoint* const> points);
 
-// The same back; keyframes without features, points with the reference's keyframe and feature, but without descriptor
-// and viewing. `number`: of the page.
-absl::StatusOr<std::vector<std::shared_ptr<map::Keyframe>>> UnpackReadyKeyframes(std::uint32_t number,
-                                                                                 const ReadyIndex& index, Bytes bytes);
+// Where the keyframes of a page are in its content, by place on the page, and where the last one ends; those that are
+// not there are empty. DataLoss (without a fault) if it does not hold what the index says.
+using ReadyKeyframeEnds = std::array<std::uint32_t, kKeyframesPerPage + 1>;
+absl::StatusOr<ReadyKeyframeEnds> FindReadyKeyframes(std::uint32_t number, const ReadyIndex& index, Bytes content);
+// One of them back, without features, from its part of the content.
+absl::StatusOr<std::shared_ptr<map::Keyframe>> UnpackReadyKeyframe(const ReadyIndex& index, const ReadyKeyframe& known,
+                                                                   Bytes part);
+
+// Points back, with the reference's keyframe and feature, but without descriptor and viewing. `number`: of the page.
 absl::Status UnpackReadyPoints(std::uint32_t number, const ReadyIndex& index, Bytes bytes,
                                std::vector<map::MapPoint>* points);
 

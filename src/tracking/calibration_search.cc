@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 #include "base/median.h"
@@ -18,6 +19,9 @@ constexpr std::array kFactors = {0.37, 0.45, 0.57, 0.74, 0.87, 1.15, 1.35, 1.75,
 constexpr double kNearChi2 = 400.0;  // of a start: what is nearer may be drawn in
 constexpr double kMostLogFocal = 1.2;
 constexpr int kIterationsPerFocal = 150;
+// Every start is followed for so many rounds, and those with most inliers then to the end.
+constexpr int kFirstRounds = 1, kRounds = 3;
+constexpr std::size_t kFollowed = 3;
 
 double ChiSquare(const Pinhole& pinhole, const SE3& camera_from_map, const PoseObservation& match) {
   const Vector3d point_c = camera_from_map * match.point;
@@ -33,21 +37,25 @@ Pinhole Scaled(const Pinhole& pinhole, double factor) {
   return scaled;
 }
 
+struct Start {
+  Pinhole pinhole;
+  SE3 camera_from_map;
+  optimization::FocalPrior prior;
+};
+
 // The calibration and the pose in which they agree near this start.
-std::optional<OtherCalibration> Converge(const Pinhole& pinhole, const SE3& camera_from_map,
-                                         std::span<const PoseObservation> matches,
-                                         const optimization::FocalPrior& prior = {}) {
+std::optional<OtherCalibration> Converge(const Start& start, std::span<const PoseObservation> matches, int rounds) {
   std::vector<PoseObservation> near;
   for (const PoseObservation& match : matches) {
-    if (ChiSquare(pinhole, camera_from_map, match) <= kNearChi2) near.push_back(match);
+    if (ChiSquare(start.pinhole, start.camera_from_map, match) <= kNearChi2) near.push_back(match);
   }
   optimization::PoseRefinementOptions options;
-  options.rounds = 3;
+  options.rounds = rounds;
   options.iterations_per_round = 4;
-  const auto estimate = optimization::EstimateFocal(pinhole, camera_from_map, near, options, prior);
+  const auto estimate = optimization::EstimateFocal(start.pinhole, start.camera_from_map, near, options, start.prior);
   if (!estimate.ok()) return std::nullopt;
   OtherCalibration other;
-  other.pinhole = estimate->Corrected(pinhole);
+  other.pinhole = estimate->Corrected(start.pinhole);
   other.camera_from_map = estimate->camera_from_map;
   other.num_inliers = CountInliers(other.pinhole, other.camera_from_map, matches, &other.inlier);
   return other;
@@ -80,15 +88,23 @@ std::optional<OtherCalibration> SearchCalibration(const Pinhole& pinhole, const 
   }
   if (depths.empty()) return std::nullopt;
   const double depth = Median(std::move(depths));
-  std::optional<OtherCalibration> best;
-  KeepBetter(pinhole, Converge(pinhole, camera_from_map, matches), &best);
-  const auto with_principal = optimization::FocalPrior::WithPrincipalPoint();
-  KeepBetter(pinhole, Converge(pinhole, camera_from_map, matches, with_principal), &best);
+  std::vector<Start> starts = {{pinhole, camera_from_map, {}},
+                               {pinhole, camera_from_map, optimization::FocalPrior::WithPrincipalPoint()}};
   for (const double factor : kFactors) {
     // As far away as makes what is at that depth look as large.
     const SE3 moved(camera_from_map.rotation(),
                     camera_from_map.translation() + Vector3d(0.0, 0.0, (factor - 1.0) * depth));
-    KeepBetter(pinhole, Converge(Scaled(pinhole, factor), moved, matches), &best);
+    starts.push_back({Scaled(pinhole, factor), moved, {}});
+  }
+  std::vector<std::pair<int, const Start*>> tried;
+  for (const Start& start : starts) {
+    const auto other = Converge(start, matches, kFirstRounds);
+    if (other) tried.emplace_back(other->num_inliers, &start);
+  }
+  std::ranges::stable_sort(tried, std::ranges::greater(), &std::pair<int, const Start*>::first);
+  std::optional<OtherCalibration> best;
+  for (std::size_t i = 0; i < std::min(kFollowed, tried.size()); ++i) {
+    KeepBetter(pinhole, Converge(*tried[i].second, matches, kRounds), &best);
   }
   return best;
 }
@@ -105,7 +121,7 @@ std::optional<OtherCalibration> SearchCalibration(const Pinhole& pinhole, std::s
     OtherCalibration other{scaled, solution->camera_from_map, solution->inlier, solution->num_inliers};
     KeepBetter(pinhole, std::move(other), &best);
   }
-  if (best) KeepBetter(pinhole, Converge(best->pinhole, best->camera_from_map, matches), &best);
+  if (best) KeepBetter(pinhole, Converge({best->pinhole, best->camera_from_map, {}}, matches, kRounds), &best);
   return best;
 }
 

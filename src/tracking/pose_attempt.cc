@@ -23,6 +23,10 @@ constexpr double kExplainedInDoubt = 0.8;  // likewise, where those around it ar
 // If none is found, the matches around the pose, which agree with it by their choice, do not tell the focal length
 // better than so much (of its logarithm).
 constexpr double kUnexplainedSigma = 0.04;
+// Another calibration that is nearer than this, of the logarithm of the focal length and of the image's longer side, is
+// the same: maps that are bent a little let some matches more agree with one next to the right one.
+constexpr double kSameLogFocal = 4 * optimization::kUsualFocalError;
+constexpr double kSamePrincipal = 2 * optimization::kUsualPrincipalError;
 constexpr int kCalibrationRounds = 3;
 constexpr double kConvergedLogFocal = 0.01;
 constexpr double kViewMargin = 0.15;  // around the image, share of its width
@@ -57,13 +61,40 @@ ProjectionOptions GuidedProjection(const RelocalizerOptions& options, double rad
   return projection;
 }
 
-// The points of the local map that may be in view, with a margin for what the pose may still change.
+// The points of the local map that may be in view, with a margin for what the pose may still change. By id.
 struct GuidedPoints {
   std::vector<const map::MapPoint*> points;
   DescriptorLists descriptors;
 };
 
-GuidedPoints PointsAround(const ImageQuery& query, const RelocalizerOptions& options, const Estimate& estimate) {
+// The descriptors of those that were around before are taken from there: they lie together.
+DescriptorLists DescriptorsOf(const ImageQuery& query, std::span<const map::MapPoint* const> points,
+                              int descriptors_per_point, const GuidedPoints& before) {
+  constexpr auto kNew = ~std::size_t{0};
+  std::vector<std::size_t> places(points.size(), kNew);  // before
+  std::vector<const map::MapPoint*> added;
+  for (std::size_t i = 0, at = 0; i < points.size(); ++i) {
+    while (at < before.points.size() && before.points[at]->id < points[i]->id) ++at;
+    if (at < before.points.size() && before.points[at] == points[i]) {
+      places[i] = at;
+    } else {
+      added.push_back(points[i]);
+    }
+  }
+  DescriptorLists of_added = ObservedDescriptors(query.map, added, descriptors_per_point);
+  if (before.points.empty()) return of_added;
+  DescriptorLists lists;
+  lists.descriptors.reserve(before.descriptors.descriptors.size() + of_added.descriptors.size());
+  for (std::size_t i = 0, next = 0; i < points.size(); ++i) {
+    const auto list = places[i] == kNew ? of_added.of(next++) : before.descriptors.of(places[i]);
+    lists.descriptors.insert(lists.descriptors.end(), list.begin(), list.end());
+    lists.Close();
+  }
+  return lists;
+}
+
+GuidedPoints PointsAround(const ImageQuery& query, const RelocalizerOptions& options, const Estimate& estimate,
+                          const GuidedPoints& before) {
   const LocalMap local = LocalMapOfPoints(query.map, PointsOf(estimate.inliers), options.local_map);
   GuidedPoints around;
   for (const map::MapPoint* point : local.points) {
@@ -72,7 +103,7 @@ GuidedPoints PointsAround(const ImageQuery& query, const RelocalizerOptions& opt
     if (!query.pinhole.Contains(query.pinhole.Project(point_c), -kViewMargin * query.pinhole.width_px)) continue;
     around.points.push_back(point);
   }
-  around.descriptors = ObservedDescriptors(query.map, around.points, options.descriptors_per_point);
+  around.descriptors = DescriptorsOf(query, around.points, options.descriptors_per_point, before);
   return around;
 }
 
@@ -170,7 +201,7 @@ bool Guide(const ImageQuery& query, const RelocalizerOptions& options, Estimate*
   GuidedPoints around;
   for (std::size_t round = 0; round < options.guided_radius_factors.size(); ++round) {
     // The first round shows better than PnP what is in view; after the second that changes no more.
-    if (round < 2) around = PointsAround(query, options, *estimate);
+    if (round < 2) around = PointsAround(query, options, *estimate, around);
     if (!GuidedRound(query, options, options.guided_radius_factors[round], around, estimate, counts)) return false;
   }
   return true;
@@ -254,6 +285,12 @@ std::optional<OtherCalibration> SearchRival(const ImageQuery& query, const Reloc
   return other;
 }
 
+bool IsSame(const Pinhole& a, const Pinhole& b) {
+  const double shift = std::hypot(a.cx_px - b.cx_px, a.cy_px - b.cy_px);
+  return std::abs(std::log(a.fx_px / b.fx_px)) <= kSameLogFocal &&
+         shift <= kSamePrincipal * std::max(a.width_px, a.height_px);
+}
+
 // What the image says of its calibration: by the matches around the pose, and, where these doubt it, or many of the
 // others do not agree with the pose, by what another calibration finds.
 std::optional<optimization::FocalEstimate> JudgeCalibration(const ImageQuery& query, const RelocalizerOptions& options,
@@ -271,6 +308,12 @@ std::optional<optimization::FocalEstimate> JudgeCalibration(const ImageQuery& qu
   std::optional<OtherCalibration> rival;
   if (doubted || !own.ok() || explained < (doubts ? kExplainedInDoubt : kExplained)) {
     rival = SearchRival(query, options, all, estimate.camera_from_map, agree, explained < kExplained);
+  }
+  // Nothing but what the matches allow as well, at no more than its distance.
+  double allowed = 0.0;
+  if (rival && !doubted && IsSame(query.pinhole, rival->pinhole) && !ManyMore(rival->num_inliers, agree)) {
+    allowed = std::abs(std::log(rival->pinhole.fx_px / query.pinhole.fx_px));
+    rival.reset();
   }
   std::optional<Recalibrated> better;
   bool believed = doubted.has_value();
@@ -290,10 +333,8 @@ std::optional<optimization::FocalEstimate> JudgeCalibration(const ImageQuery& qu
   if (!own.ok()) return std::nullopt;
   optimization::FocalEstimate open = *own;
   if (explained < kExplained) open.log_sigma = std::max(open.log_sigma, kUnexplainedSigma);
-  // What the matches allow as well.
-  if (better && with_better >= inliers) {
-    open.log_sigma = std::max(open.log_sigma, std::abs(std::log(better->calibration.scale)));
-  }
+  if (better && with_better >= inliers) allowed = std::abs(std::log(better->calibration.scale));
+  open.log_sigma = std::max(open.log_sigma, allowed);
   return open;
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "image/hamming.h"
 #include "map/viewing.h"
 
 namespace cairn::tracking {
@@ -20,23 +21,32 @@ struct Best {
   int second_same_octave = kNoDistance;
 };
 
-int DistanceToPoint(const map::MapPoint& point, std::span<const image::Descriptor> descriptors,
-                    const image::Descriptor& feature) {
-  if (descriptors.empty()) return image::HammingDistance(point.descriptor, feature);
-  int best = kNoDistance;
-  for (const image::Descriptor& descriptor : descriptors) {
-    best = std::min(best, image::HammingDistance(descriptor, feature));
+// distances[i]: of nearby[i] to the nearest of the point's descriptors.
+void DistancesToPoint(const FeatureView& view, const map::MapPoint& point,
+                      std::span<const image::Descriptor> descriptors, std::span<const std::uint32_t> nearby,
+                      std::vector<std::uint16_t>* distances) {
+  if (descriptors.empty()) descriptors = {&point.descriptor, 1};
+  const std::size_t count = nearby.size();
+  distances->resize(2 * count);
+  const auto measure = [&](const image::Descriptor& descriptor, std::uint16_t* to) {
+    image::HammingDistancesAt(descriptor, view.features.descriptors.data(), nearby.data(), count, to);
+  };
+  measure(descriptors[0], distances->data());
+  std::uint16_t* const others = distances->data() + count;
+  for (const image::Descriptor& descriptor : descriptors.subspan(1)) {
+    measure(descriptor, others);
+    for (std::size_t i = 0; i < count; ++i) (*distances)[i] = std::min((*distances)[i], others[i]);
   }
-  return best;
 }
 
-Best FindBest(const FeatureView& view, const map::MapPoint& point, std::span<const image::Descriptor> descriptors,
-              std::span<const std::uint32_t> nearby, std::span<const std::uint8_t> taken) {
+Best FindBest(const FeatureView& view, std::span<const std::uint32_t> nearby, std::span<const std::uint16_t> distances,
+              std::span<const std::uint8_t> taken) {
   Best best;
   int octave_of_best = -1, distance_of_other = kNoDistance, octave_of_other = -1;
-  for (const std::uint32_t feature : nearby) {
+  for (std::size_t i = 0; i < nearby.size(); ++i) {
+    const std::uint32_t feature = nearby[i];
     if (!taken.empty() && taken[feature]) continue;
-    const int distance = DistanceToPoint(point, descriptors, view.features.descriptors[feature]);
+    const int distance = distances[i];
     const int octave = view.features.keypoints[feature].octave;
     if (distance < best.distance) {
       distance_of_other = best.distance;
@@ -112,6 +122,7 @@ ProjectionMatches MatchByProjection(const FeatureView& view, const SE3& camera_f
   // Which of result.matches has a feature; matches that lose theirs are marked and swept at the end.
   std::vector<std::int32_t> owner(view.features.size(), -1);
   std::vector<std::uint32_t> nearby;
+  std::vector<std::uint16_t> distances;
   for (std::uint32_t i = 0; i < points.size(); ++i) {
     if (points[i] == nullptr) continue;
     const auto projection = PredictPoint(view.pinhole, camera_from_map, *points[i], orb, options);
@@ -121,7 +132,8 @@ ProjectionMatches MatchByProjection(const FeatureView& view, const SE3& camera_f
                     projection->octave - options.octave_slack, projection->octave + options.octave_slack, &nearby);
     if (nearby.empty()) continue;
     const auto list = descriptors != nullptr ? descriptors->of(i) : std::span<const image::Descriptor>();
-    const Best best = FindBest(view, *points[i], list, nearby, taken);
+    DistancesToPoint(view, *points[i], list, nearby, &distances);
+    const Best best = FindBest(view, nearby, distances, taken);
     if (best.distance > options.max_distance) continue;
     if (options.max_ratio < 1.0 && best.second_same_octave < kNoDistance &&
         best.distance > options.max_ratio * best.second_same_octave) {
