@@ -7,7 +7,9 @@
 #include <map>
 #include <numbers>
 #include <optional>
+#include <span>
 #include <tuple>
+#include <unordered_set>
 
 #include "absl/strings/str_format.h"
 #include "inspect/measures.h"
@@ -32,18 +34,57 @@ Vector3d MeanUp(const std::vector<CoverageTest>& tests) {
   return up.norm() > 1e-6 ? up.normalized() : Vector3d::UnitZ();
 }
 
+// Looks at everything that an edit without these keyframes will: what of it cannot be read is told (StatusOfRead) and
+// has no content that fits the rest.
+void LookAround(const map::Snapshot& map, std::span<const KeyframeId> erased) {
+  std::unordered_set<KeyframeId> observers;
+  for (const KeyframeId id : erased) {
+    const map::Keyframe* keyframe = map.keyframes().Find(id);
+    if (keyframe == nullptr) continue;
+    for (const PointId point_id : keyframe->points) {
+      const map::MapPoint* point = point_id ? map.points().Find(point_id) : nullptr;
+      if (point == nullptr) continue;
+      for (const map::Observation& observation : point->observations) observers.insert(observation.keyframe);
+    }
+    for (const map::CovisibilityEdge& edge : keyframe->covisible) observers.insert(edge.keyframe);
+    observers.insert(keyframe->children.begin(), keyframe->children.end());
+    observers.insert(keyframe->parent);
+  }
+  for (const KeyframeId id : observers) {
+    const map::Keyframe* keyframe = map.keyframes().Find(id);
+    if (keyframe == nullptr) continue;
+    for (const PointId point_id : keyframe->points) {
+      const map::MapPoint* point = point_id ? map.points().Find(point_id) : nullptr;
+      if (point == nullptr) continue;
+      for (const map::Observation& observation : point->observations) map.keyframes().Find(observation.keyframe);
+    }
+  }
+}
+
 // The map without a keyframe and those that see the same, as far as it has them; nothing if the keyframe cannot be
 // taken out.
-std::optional<map::Delta> Without(const std::shared_ptr<const map::Snapshot>& map, const map::Keyframe& keyframe,
-                                  double same_view_share, int* left_out) {
-  map::Edit edit(map);
+absl::StatusOr<std::optional<map::Delta>> Without(const std::shared_ptr<const map::Snapshot>& map,
+                                                  const map::Keyframe& keyframe, double same_view_share,
+                                                  int* left_out) {
   const int points = NumPoints(keyframe);
-  const auto erase = [&](KeyframeId id) { return edit.FindKeyframe(id) != nullptr && edit.EraseKeyframe(id); };
+  std::vector<KeyframeId> erased;
   for (const map::CovisibilityEdge& edge : keyframe.covisible) {
     if (edge.shared_points < same_view_share * points) break;  // most shared points first
-    *left_out += erase(edge.keyframe) ? 1 : 0;
+    erased.push_back(edge.keyframe);
   }
-  if (edit.FindKeyframe(keyframe.id) != nullptr && !erase(keyframe.id)) return std::nullopt;
+  erased.push_back(keyframe.id);
+  LookAround(*map, erased);
+  CAIRN_RETURN_IF_ERROR(StatusOfRead(*map));
+  map::Edit edit(map);
+  for (const KeyframeId id : erased) {
+    if (edit.FindKeyframe(id) == nullptr) continue;
+    const bool gone = edit.EraseKeyframe(id);
+    if (id != keyframe.id) {
+      *left_out += gone ? 1 : 0;
+    } else if (!gone) {
+      return std::nullopt;
+    }
+  }
   return edit.Finish("coverage");
 }
 
@@ -198,7 +239,7 @@ absl::StatusOr<std::vector<CoverageTest>> AskForKeyframe(const tracking::MapView
   test.keyframe = keyframe.id;
   test.component = keyframe.component;
   test.placed_from_camera = PlacedPose(map, keyframe);
-  const auto delta = Without(view.snapshot(), keyframe, options.same_view_share, &test.left_out);
+  CAIRN_ASSIGN_OR_RETURN(const auto delta, Without(view.snapshot(), keyframe, options.same_view_share, &test.left_out));
   std::vector<CoverageTest> tests;
   if (!delta) return tests;
   CAIRN_ASSIGN_OR_RETURN(const auto rest, view.After(*delta));
@@ -215,6 +256,7 @@ absl::StatusOr<std::vector<CoverageTest>> AskForKeyframe(const tracking::MapView
     test.inliers = found.counts.inliers;
     tests.push_back(test);
   }
+  CAIRN_RETURN_IF_ERROR(StatusOfRead(map));
   return tests;
 }
 

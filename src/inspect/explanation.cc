@@ -186,6 +186,7 @@ absl::StatusOr<Explanation> Explain(const tracking::MapView& view, const Pinhole
   Explanation explanation;
   CAIRN_ASSIGN_OR_RETURN(explanation.result, tracking::RelocalizeTraced(options.relocalizer, map, *view.places(),
                                                                         pinhole, features, area, &explanation.trace));
+  CAIRN_RETURN_IF_ERROR(StatusOfRead(map));
   const auto& groups = explanation.trace.groups;
   if (!groups.empty()) {
     const auto best = std::ranges::max_element(groups, [](const auto& a, const auto& b) { return Further(b, a); });
@@ -194,6 +195,7 @@ absl::StatusOr<Explanation> Explain(const tracking::MapView& view, const Pinhole
   TakePose(map, area, &explanation);
   if (explanation.has_pose) explanation.near = Nearest(map, explanation, options.near_keyframes);
   Advise(map, &explanation);
+  CAIRN_RETURN_IF_ERROR(StatusOfRead(map));
   return explanation;
 }
 

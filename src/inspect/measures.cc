@@ -114,4 +114,8 @@ double AxisAngleDeg(const SE3& a_from_map, const SE3& b_from_map) {
   return AngleDeg(a_from_map.RotationMatrix().row(2).transpose(), b_from_map.RotationMatrix().row(2).transpose());
 }
 
+absl::Status StatusOfRead(const map::Snapshot& map) {
+  return map.feature_cache() == nullptr ? absl::OkStatus() : map.feature_cache()->status();
+}
+
 }  // namespace cairn::inspect

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/status.h"
 #include "map/snapshot.h"
 
 namespace cairn::inspect {
@@ -46,6 +47,10 @@ Vector3d Placed(const map::Snapshot& map, ComponentId component, const Vector3d&
 SE3 PlacedPose(const map::Snapshot& map, const map::Keyframe& keyframe);
 // Length of one map unit in the unit of Placed().
 double PlacedScale(const map::Snapshot& map, ComponentId component);
+
+// Of what was looked at so far of a map that comes from its file bit by bit: whether all of it could be read. What
+// could not is there all the same, without content that means anything (map/entity_source.h).
+absl::Status StatusOfRead(const map::Snapshot& map);
 
 // Angle between the optical axes of two cameras, degrees.
 double AxisAngleDeg(const SE3& a_from_map, const SE3& b_from_map);

@@ -6,6 +6,7 @@
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/map_to_read.h"
+#include "cli/newest_view.h"
 #include "client/map_reader.h"
 #include "inspect/coverage.h"
 #include "inspect/measures.h"
@@ -177,16 +178,18 @@ absl::StatusOr<inspect::Coverage> RunCoverage(const CoverageCommand& command) {
   CAIRN_RETURN_IF_ERROR(CheckPicture(command.picture));
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(command.server, command.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::MapReader> reader, client::MapReader::Open(source.path()));
-  const map::Snapshot& map = reader->view()->map();
-  const std::int64_t views =
-      std::min<std::int64_t>(command.options.max_tests, static_cast<std::int64_t>(map.keyframes().size()));
+  const std::int64_t views = std::min<std::int64_t>(
+      command.options.max_tests, static_cast<std::int64_t>(reader->view()->map().keyframes().size()));
   Progress progress("trying", views, command.json);
-  CAIRN_ASSIGN_OR_RETURN(inspect::Coverage coverage,
-                         inspect::MeasureCoverage(*reader->view(), command.options, [&](int done, int) {
-                           progress.Update(done);
-                           return true;
-                         }));
+  const auto measure = [&](const tracking::MapView& view) {
+    return inspect::MeasureCoverage(view, command.options, [&](int done, int) {
+      progress.Update(done);
+      return true;
+    });
+  };
+  CAIRN_ASSIGN_OR_RETURN(inspect::Coverage coverage, AskNewest(*reader, measure));
   progress.Finish();
+  const map::Snapshot& map = reader->view()->map();
   if (!command.picture.empty() && !coverage.tests.empty()) {
     CAIRN_RETURN_IF_ERROR(DrawCoverage(map, coverage, command));
   }

@@ -9,6 +9,7 @@
 #include "cli/cli.h"
 #include "cli/map_camera.h"
 #include "cli/map_to_read.h"
+#include "cli/newest_view.h"
 #include "client/map_reader.h"
 #include "client/query_image.h"
 #include "inspect/explanation.h"
@@ -251,7 +252,9 @@ absl::StatusOr<bool> RunExplain(const ExplainCommand& command) {
   CAIRN_RETURN_IF_ERROR(CheckPicture(command.picture));
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(command.server, command.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::MapReader> reader, client::MapReader::Open(source.path()));
-  CAIRN_ASSIGN_OR_RETURN(const Explained explained, ExplainImage(command, *reader->view()));
+  CAIRN_ASSIGN_OR_RETURN(const Explained explained, AskNewest(*reader, [&](const tracking::MapView& view) {
+                           return ExplainImage(command, view);
+                         }));
   const map::Snapshot& map = reader->view()->map();
   if (!command.picture.empty()) CAIRN_RETURN_IF_ERROR(DrawMatches(command, map, explained));
   if (command.json) {
