@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tracking/map_bend.h"
+
 namespace cairn::client {
 namespace {
 
@@ -64,8 +66,9 @@ double Blend(const Anchor& before, const SE3& carried, const MotionSigma& motion
 
 Matrix6d CovarianceOf(const Anchor& anchor, const SE3& map_from_camera, const MotionSigma& motion,
                       const DriftOptions& options) {
-  const tracking::MapError map =
-      tracking::MapErrorOf({anchor.inliers, anchor.residual_rms, anchor.place.median_depth}, options.map);
+  const tracking::MapError map = tracking::Larger(
+      tracking::MapErrorOf({anchor.inliers, anchor.residual_rms, anchor.place.median_depth}, options.map),
+      anchor.place.bend);
   // A left increment of the anchor's pose is one of every pose that hangs on it.
   return anchor.covariance + tracking::CovarianceAtCamera(map_from_camera,
                                                           std::hypot(motion.translation, map.translation),

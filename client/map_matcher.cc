@@ -9,6 +9,7 @@
 #include "image/matching.h"
 #include "image/orb_extractor.h"
 #include "optimization/pose_refinement.h"
+#include "tracking/map_bend.h"
 #include "tracking/view_support.h"
 
 namespace cairn::client {
@@ -62,6 +63,7 @@ std::optional<Place> Place::In(const map::Snapshot& before, const map::Snapshot&
   const SE3 keyframe_from_camera = here->camera_from_map * map_from_camera;
   place.map_from_camera = there->camera_from_map.Inverse() * Scaled(keyframe_from_camera, *scale);
   place.median_depth *= *scale;
+  place.bend.translation *= *scale;
   std::erase_if(place.seen, [&](PointId id) { return !after.points().Contains(id); });
   return place;
 }
@@ -87,6 +89,7 @@ Sighting MapMatcher::ToSighting(const tracking::MapView& view, const ImageFeatur
   sighting.place.map_from_camera = tracked.camera_from_map.Inverse();
   sighting.place.reference = tracked.reference;
   sighting.place.median_depth = tracked.median_depth;
+  sighting.place.bend = tracking::BendAround(map, tracked.reference);
   sighting.calibration = CalibrationBy(map, image, tracked);
   const bool doubted = sighting.calibration && sighting.calibration->Contradicts();
   const Matrix6d covariance =
@@ -199,6 +202,7 @@ absl::StatusOr<Sighting> MapMatcher::Find(const tracking::MapView& view, const I
   expected.place.reference = found.place.reference_keyframe;
   expected.place.component = map.keyframe(found.place.reference_keyframe).component;
   expected.place.median_depth = Median(depths);
+  expected.place.bend = tracking::BendAround(map, found.place.reference_keyframe);
   sighting = Match(view, image, expected);
   if (sighting.misplaced) return sighting;
   // It has asked more than the matches around the pose.

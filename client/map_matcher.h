@@ -16,6 +16,7 @@
 #include "image/undistort.h"
 #include "optimization/focal_estimate.h"
 #include "tracking/local_map_tracker.h"
+#include "tracking/map_error.h"
 #include "tracking/map_view.h"
 #include "tracking/relocalizer.h"
 
@@ -53,6 +54,7 @@ struct Place {
   KeyframeId reference;       // that shares most of the points
   std::vector<PointId> seen;  // points of the map
   double median_depth = 0.0;  // of these, map units
+  tracking::MapError bend;    // around the reference (tracking/map_bend.h)
 
   // The same place in another revision: it moves with the reference keyframe, also where the keyframe's component was
   // joined to another one; nothing if the keyframe has left the map. `scale` gets the length there of the unit here.

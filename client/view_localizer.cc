@@ -6,6 +6,7 @@
 
 #include "base/guarded.h"
 #include "client/query_image.h"
+#include "tracking/map_bend.h"
 
 namespace cairn::client {
 namespace {
@@ -47,7 +48,8 @@ api::LocatedPose ToApi(const map::Snapshot& map, const tracking::FoundPlace& pla
                        const tracking::MapErrorOptions& map_error) {
   api::LocatedPose pose;
   pose.map_from_camera = place.camera_from_map.Inverse();
-  const tracking::MapError error = tracking::MapErrorOf(place.fit, map_error);
+  const tracking::MapError error =
+      tracking::Larger(tracking::MapErrorOf(place.fit, map_error), tracking::BendAround(map, place.reference_keyframe));
   pose.covariance =
       place.covariance + tracking::CovarianceAtCamera(pose.map_from_camera, error.translation, error.rotation_rad);
   pose.focal_factor = place.focal_factor;

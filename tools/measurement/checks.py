@@ -1,5 +1,5 @@
 """The checks: what is measured, against which limit, and what others reach."""
-from .localization import CHANGES
+from .localization import CHANGES, FIRST_PARTS
 
 # name, unit, which way, limit, what others reach (see docs/benchmarks.md), value
 CHECKS = [
@@ -200,6 +200,14 @@ CHECKS += [
     ('redkitchen: error against what the quality claims', 'x', '<=', 2, '',
      lambda w: w.real('redkitchen', 'reference_sfm.txt')['ratio']),
     ('  frames said to be unsure', '%', '<=', 5, '', lambda w: 100 * w.real('redkitchen', 'reference_sfm.txt')['unsure']),
+    *(row for name in FIRST_PARTS for row in (
+        (f'{name}, images in the map of its first part: those mapped, error over sigma, median', 'x', '<=', 2, '',
+         lambda w, name=name: w.first_part(name)['mapped']),
+        ('  normalized error squared over its degrees of freedom', 'x', '<=', None, '',
+         lambda w, name=name: w.first_part(name)['mapped_nees']),
+        ('  later ones, error over sigma, median', 'x', '<=', 2, '', lambda w, name=name: w.first_part(name)['later']),
+        ('  normalized error squared over its degrees of freedom', 'x', '<=', None, '',
+         lambda w, name=name: w.first_part(name)['later_nees']))),
     *(row for factor in (0.5, 2, 3) for row in (
         (f"redkitchen's first 12 s at {factor:g} x the size: ATE", 'm', '<=', 0.015, '',
          lambda w, factor=factor: w.kitchen_at(factor)['ate']),

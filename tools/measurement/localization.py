@@ -4,7 +4,8 @@ import statistics
 import numpy as np
 from PIL import Image
 
-from .trajectories import angle_deg, cam1_from_cam0, matrix_from_quaternion, read_poses, read_times
+from .trajectories import (angle_deg, apply_similarity, cam1_from_cam0, matrix_from_quaternion, read_poses, read_times, similarity,
+                           white_noise)
 from .work import DATA, cairn, median_of_runs, rendered
 
 # Of the kitchen's images: how Pillow makes them, and the camera that they are from then.
@@ -14,6 +15,11 @@ CHANGES = {
     'turned by 90 degrees': (lambda image: image.transpose(Image.ROTATE_270), (480, 640), (525.0, 525.0, 239.0, 320.0)),
     'turned by 180 degrees': (lambda image: image.transpose(Image.ROTATE_180), (640, 480), (525.0, 525.0, 319.0, 239.0)),
 }
+
+
+# Recordings of which a first part is mapped: their ground truth, and how many seconds that is.
+FIRST_PARTS = {'redkitchen': ('reference_sfm.txt', 20), 'fr1_desk': ('groundtruth.txt', 1.9), 'apriltag': ('groundtruth.txt', 4),
+               'euroc_v101_moving': ('groundtruth_cam0.txt', 2.5)}
 
 
 def changed_kitchen(folder, change):
@@ -80,6 +86,31 @@ class Localization:
                     'median': statistics.median(row[0] for row in rows), 'answers': float(elsewhere['localized']),
                     'miss_ms': elsewhere['latency_ms']['median']}
         return self.once('single images', lambda: median_of_runs(self.runs, one))
+
+    def first_part(self, name):
+        """Every image of a recording in the map of its first part: error over the sigma that is claimed, after the similarity
+        that fits those of that part to the truth, whose own white noise counts with sigma."""
+        def one(run):
+            truth, until = FIRST_PARTS[name]
+            map_file, folder = self.path(f'first_{name}_{run}.cairn'), DATA / name
+            if not map_file.exists():
+                cairn('run', folder, *self.mode, '--until', until, '--map', map_file)
+            answer, true = self.images(folder, map_file), read_poses(DATA / name / truth)
+            times, positions = np.array([time for time, _ in true]), np.array([pose[:3, 3] for _, pose in true])
+            located, at = [], []
+            for image in answer['images']:
+                nearest = int(np.abs(times - image['time_s']).argmin())
+                if image['localized'] and abs(times[nearest] - image['time_s']) < 0.006:
+                    located.append((image['time_s'] - answer['images'][0]['time_s'], image['position_sigma'], *image['position']))
+                    at.append(positions[nearest])
+            located, at = np.array(located), np.array(at)
+            mapped = located[:, 0] < until
+            transform = similarity(at[mapped], located[mapped, 2:])
+            sigma = np.hypot(transform[0] * located[:, 1], white_noise(positions))
+            over = np.linalg.norm(apply_similarity(transform, located[:, 2:]) - at, axis=1) / sigma
+            return {'mapped': float(np.median(over[mapped])), 'mapped_nees': float(np.mean(over[mapped] ** 2)),
+                    'later': float(np.median(over[~mapped])), 'later_nees': float(np.mean(over[~mapped] ** 2))}
+        return self.once(f'first part {name}', lambda: median_of_runs(self.runs, one))
 
     def coverage(self, cell_m=0.4, min_queries=5):
         """Redkitchen's first 20 s: what coverage says of each cell, and what share of later images is located there."""
