@@ -1,6 +1,7 @@
 #include "care/merging.h"
 
 #include <algorithm>
+#include <map>
 #include <set>
 #include <unordered_set>
 #include <utility>
@@ -37,6 +38,66 @@ bool AreCopies(const map::Snapshot& first, const map::Snapshot& second) {
   first.keyframes().ForEach([&](const auto& keyframe) { common += inspect::SameKeyframe(*keyframe, second) ? 1 : 0; });
   return common == std::min(first.keyframes().size(), second.keyframes().size()) ||
          (common > 0 && first.info().id == second.info().id);
+}
+
+// Of one image and one run, whatever its id is now: merging gives new ones.
+bool SameShot(const map::Keyframe& a, const map::Keyframe& b) {
+  if (a.time_ns != b.time_ns || a.frame_index != b.frame_index || a.direct_segment != b.direct_segment ||
+      a.camera_from_direct.rotation().coeffs() != b.camera_from_direct.rotation().coeffs() ||
+      a.camera_from_direct.translation() != b.camera_from_direct.translation()) {
+    return false;
+  }
+  if (a.features.size() != b.features.size()) return a.direct_segment >= 0;  // one of them is packed
+  return a.features.Get()->features.descriptors == b.features.Get()->features.descriptors;
+}
+
+// The sessions of `map` of which every keyframe is in the other map, too.
+std::vector<SessionId> SessionsIn(const map::Snapshot& map, const map::Snapshot& other) {
+  std::multimap<TimeNs, const map::Keyframe*> others;
+  other.keyframes().ForEach([&](const auto& keyframe) { others.emplace(keyframe->time_ns, keyframe.get()); });
+  std::map<SessionId, bool> all_there;
+  map.keyframes().ForEach([&](const auto& keyframe) {
+    bool& all = all_there.try_emplace(keyframe->session, true).first->second;
+    const auto [first, last] = others.equal_range(keyframe->time_ns);
+    all = all && std::any_of(first, last, [&](const auto& entry) { return SameShot(*keyframe, *entry.second); });
+  });
+  std::vector<SessionId> sessions;
+  for (const auto& [id, all] : all_there) {
+    if (all) sessions.push_back(id);
+  }
+  return sessions;
+}
+
+absl::Status CheckNothingTwice(const map::Snapshot& first, const map::Snapshot& second) {
+  if (AreCopies(first, second)) {
+    return absl::FailedPreconditionError(
+        "they have keyframes in common: two copies of one map, or one that is all in the other, not two maps (cairn "
+        "diff says what they differ in)");
+  }
+  const auto refuse = [](SessionId session, const char* of, const char* other) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        "they have keyframes in common: session ", session.value(), " of the ", of, " map is all in the ", other,
+        " one, which may have been merged with it before (cairn session remove takes one out of a map)"));
+  };
+  if (const auto there = SessionsIn(second, first); !there.empty()) return refuse(there[0], "second", "first");
+  if (const auto there = SessionsIn(first, second); !there.empty()) return refuse(there[0], "first", "second");
+  return absl::OkStatus();
+}
+
+// Where on the earth the world is, if the second map says so and its world has become that of the whole.
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> WithAnchor(std::shared_ptr<const map::Snapshot> merged,
+                                                                const map::Snapshot& first, const map::Snapshot& second,
+                                                                bool joined) {
+  if (first.info().geo_anchor || !second.info().geo_anchor) return merged;
+  // Two worlds that were never found to be one may be two.
+  const bool aligned =
+      std::ranges::any_of(first.LiveComponents(), [&](ComponentId id) { return first.WorldFrom(id).has_value(); });
+  if (aligned && !joined) return merged;
+  map::Edit edit(merged);
+  map::MapInfo info = edit.info();
+  info.geo_anchor = second.info().geo_anchor;
+  edit.SetInfo(info);
+  return merged->Apply(edit.Finish("merge"));
 }
 
 class Merging {
@@ -177,11 +238,7 @@ absl::StatusOr<Merged> MergeMaps(const std::shared_ptr<const map::Snapshot>& fir
   if (words == nullptr) {
     return absl::FailedPreconditionError("the first map has no vocabulary, so that no place can be found in it");
   }
-  if (AreCopies(*first, second)) {
-    return absl::FailedPreconditionError(
-        "they have keyframes in common: two copies of one map, or one that is all in the other, not two maps (cairn "
-        "diff says what they differ in)");
-  }
+  CAIRN_RETURN_IF_ERROR(CheckNothingTwice(*first, second));
   CAIRN_ASSIGN_OR_RETURN(const auto before, tracking::MapView::Create(first, words));
   CAIRN_ASSIGN_OR_RETURN(const map::Delta beside, Beside(*first, second, words.get(), "merge"));
   CAIRN_ASSIGN_OR_RETURN(const auto both, before->After(beside));
@@ -190,7 +247,9 @@ absl::StatusOr<Merged> MergeMaps(const std::shared_ptr<const map::Snapshot>& fir
   Merged merged;
   if (merging.joined()) CAIRN_RETURN_IF_ERROR(merging.Settle(&merged));
   merged.attempts = merging.TakeAttempts();
-  if (merging.joined() || options.allow_apart) merged.map = merging.view().snapshot();
+  if (merging.joined() || options.allow_apart) {
+    CAIRN_ASSIGN_OR_RETURN(merged.map, WithAnchor(merging.view().snapshot(), *first, second, merging.joined()));
+  }
   return merged;
 }
 

@@ -65,6 +65,33 @@ TEST(MergeMaps, OtherPlacesAreNotJoined) {
   EXPECT_EQ(added.features->words, room.words->LookupAll(added.descriptors()));
 }
 
+// A merged map calls the second one's keyframes otherwise: they are known by what they are.
+TEST(MergeMaps, WhatWasMergedBeforeIsRefused) {
+  const Room room(5);
+  const auto first = room.Map(14, 1), second = room.Map(12, 2);
+  const auto merged = MergeMaps(first, *second, room.words, {}, 0);
+  ASSERT_TRUE(merged.ok() && merged->map != nullptr);
+  for (const auto& [a, b] : {std::pair(merged->map, second), std::pair(second, merged->map)}) {
+    const absl::Status twice = MergeMaps(a, *b, room.words, {}, 0).status();
+    EXPECT_TRUE(absl::IsFailedPrecondition(twice)) << twice;
+    EXPECT_THAT(std::string(twice.message()), ::testing::HasSubstr("in common"));
+  }
+}
+
+TEST(MergeMaps, WhereOnTheEarthTheSecondIsIsKept) {
+  const Room room(5);
+  const auto first = room.Map(14, 1), second = room.Map(12, 2);
+  map::Edit edit(second);
+  map::MapInfo info = edit.info();
+  info.geo_anchor = map::GeoAnchor{48.1, 11.5, 520.0, Quaterniond::Identity()};
+  edit.SetInfo(info);
+  const auto anchored = *second->Apply(edit.Finish("align"));
+  const auto merged = MergeMaps(first, *anchored, room.words, {}, 0);
+  ASSERT_TRUE(merged.ok() && merged->map != nullptr) << merged.status();
+  ASSERT_TRUE(merged->map->info().geo_anchor);
+  EXPECT_EQ(merged->map->info().geo_anchor->latitude_deg, 48.1);
+}
+
 TEST(MergeMaps, CopiesAndUnlikeFeaturesAreRefused) {
   const Room room(5);
   const auto map = room.Map(6, 1);

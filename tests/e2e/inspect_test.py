@@ -77,6 +77,24 @@ class Inspection(unittest.TestCase):
         database.close()
         self.assertEqual(cairn('show', damaged, 'keyframe', 2).code, 3)
 
+    def test_no_answer_comes_from_what_is_damaged(self):
+        photo = sorted((self.office / 'mav0/cam0/data').glob('*'))[10]
+        self.assertTrue(must('explain', self.map, photo)['localized'])
+        # Points and what is kept ready of them; features.
+        for name, statements in (('points', ['UPDATE points SET times_visible = times_visible + 1',
+                                             'UPDATE ready_pages SET bytes = zeroblob(length(bytes)) WHERE id >> 32 = 2 AND id % 2 = 0']),
+                                 ('features', ['UPDATE keyframe_features SET words = zeroblob(length(words))'])):
+            damaged = self.folder / f'damaged_{name}.cairn'
+            shutil.copy(self.map, damaged)
+            with sqlite3.connect(damaged) as database:
+                for statement in statements:
+                    database.execute(statement)
+            database.close()
+            for call in (['coverage', damaged], ['explain', damaged, photo], ['localize', photo, '--map', damaged]):
+                answer = cairn(*call)
+                self.assertEqual(answer.code, 3, f'{call}: {answer.out}')
+                self.assertIn('damaged', answer.json['error'])
+
     # synth map
 
     def test_a_large_map_of_copies_is_a_good_map_in_which_the_place_is_found(self):
