@@ -31,23 +31,10 @@ class HeadInMemory final : public mapping::MapHead {
   std::shared_ptr<const tracking::MapView> view_;
 };
 
-// Copies of one map, or all of one in the other: what both have would be there twice. Two runs of one recording may
-// have begun alike.
-bool AreCopies(const map::Snapshot& first, const map::Snapshot& second) {
-  std::size_t common = 0;
-  first.keyframes().ForEach([&](const auto& keyframe) { common += inspect::SameKeyframe(*keyframe, second) ? 1 : 0; });
-  return common == std::min(first.keyframes().size(), second.keyframes().size()) ||
-         (common > 0 && first.info().id == second.info().id);
-}
-
-// Of one image and one run, whatever its id is now: merging gives new ones.
+// What came of one image in one run, whatever is left of its features.
 bool SameShot(const map::Keyframe& a, const map::Keyframe& b) {
-  if (a.time_ns != b.time_ns || a.frame_index != b.frame_index || a.direct_segment != b.direct_segment ||
-      a.camera_from_direct.rotation().coeffs() != b.camera_from_direct.rotation().coeffs() ||
-      a.camera_from_direct.translation() != b.camera_from_direct.translation()) {
-    return false;
-  }
-  if (a.features.size() != b.features.size()) return a.direct_segment >= 0;  // one of them is packed
+  if (a.direct_segment != b.direct_segment || !inspect::SameButForId(a, b)) return false;
+  if (a.features.size() != b.features.size()) return a.direct_segment >= 0;  // one is packed; given poses prove little
   return a.features.Get()->features.descriptors == b.features.Get()->features.descriptors;
 }
 
@@ -68,34 +55,42 @@ std::vector<SessionId> SessionsIn(const map::Snapshot& map, const map::Snapshot&
   return sessions;
 }
 
+// What both have would be there twice. Two runs of one recording may have begun alike.
 absl::Status CheckNothingTwice(const map::Snapshot& first, const map::Snapshot& second) {
-  if (AreCopies(first, second)) {
+  bool common = false;
+  first.keyframes().ForEach(
+      [&](const auto& keyframe) { common |= inspect::SameKeyframe(*keyframe, second) != nullptr; });
+  if (common && first.info().id == second.info().id) {
     return absl::FailedPreconditionError(
-        "they have keyframes in common: two copies of one map, or one that is all in the other, not two maps (cairn "
-        "diff says what they differ in)");
+        "they have keyframes in common: two copies of one map, not two maps (cairn diff says what they differ in)");
   }
   const auto refuse = [](SessionId session, const char* of, const char* other) {
-    return absl::FailedPreconditionError(absl::StrCat(
-        "they have keyframes in common: session ", session.value(), " of the ", of, " map is all in the ", other,
-        " one, which may have been merged with it before (cairn session remove takes one out of a map)"));
+    return absl::FailedPreconditionError(absl::StrCat("they have keyframes in common: session ", session.value(),
+                                                      " of the ", of, " map is all in the ", other,
+                                                      " one, of which it is a copy or with which it was merged before "
+                                                      "(cairn session remove takes one out of a map)"));
   };
   if (const auto there = SessionsIn(second, first); !there.empty()) return refuse(there[0], "second", "first");
   if (const auto there = SessionsIn(first, second); !there.empty()) return refuse(there[0], "first", "second");
   return absl::OkStatus();
 }
 
-// Where on the earth the world is, if the second map says so and its world has become that of the whole.
-absl::StatusOr<std::shared_ptr<const map::Snapshot>> WithAnchor(std::shared_ptr<const map::Snapshot> merged,
-                                                                const map::Snapshot& first, const map::Snapshot& second,
-                                                                bool joined) {
-  if (first.info().geo_anchor || !second.info().geo_anchor) return merged;
-  // Two worlds that were never found to be one may be two.
-  const bool aligned =
-      std::ranges::any_of(first.LiveComponents(), [&](ComponentId id) { return first.WorldFrom(id).has_value(); });
-  if (aligned && !joined) return merged;
+bool IsAligned(const map::Snapshot& map, ComponentId id) { return map.WorldFrom(id).has_value(); }
+
+// Whether the second map's world has become that of the whole: the first has none, or components of both worlds were
+// found to be one. Others may be two.
+bool WorldIsKept(const map::Snapshot& first, const map::Snapshot& second, const std::vector<MergeAttempt>& attempts) {
+  if (std::ranges::none_of(first.LiveComponents(), [&](ComponentId id) { return IsAligned(first, id); })) return true;
+  return std::ranges::any_of(attempts, [&](const MergeAttempt& attempt) {
+    return attempt.joined_into && IsAligned(second, attempt.component) && IsAligned(first, attempt.joined_into);
+  });
+}
+
+absl::StatusOr<std::shared_ptr<const map::Snapshot>> WithAnchor(const std::shared_ptr<const map::Snapshot>& merged,
+                                                                const map::GeoAnchor& anchor) {
   map::Edit edit(merged);
   map::MapInfo info = edit.info();
-  info.geo_anchor = second.info().geo_anchor;
+  info.geo_anchor = anchor;
   edit.SetInfo(info);
   return merged->Apply(edit.Finish("merge"));
 }
@@ -247,8 +242,11 @@ absl::StatusOr<Merged> MergeMaps(const std::shared_ptr<const map::Snapshot>& fir
   Merged merged;
   if (merging.joined()) CAIRN_RETURN_IF_ERROR(merging.Settle(&merged));
   merged.attempts = merging.TakeAttempts();
-  if (merging.joined() || options.allow_apart) {
-    CAIRN_ASSIGN_OR_RETURN(merged.map, WithAnchor(merging.view().snapshot(), *first, second, merging.joined()));
+  if (!merging.joined() && !options.allow_apart) return merged;
+  merged.map = merging.view().snapshot();
+  const auto& anchor = second.info().geo_anchor;
+  if (anchor && !first->info().geo_anchor && WorldIsKept(*first, second, merged.attempts)) {
+    CAIRN_ASSIGN_OR_RETURN(merged.map, WithAnchor(merged.map, *anchor));
   }
   return merged;
 }

@@ -90,6 +90,15 @@ TEST(MergeMaps, WhereOnTheEarthTheSecondIsIsKept) {
   ASSERT_TRUE(merged.ok() && merged->map != nullptr) << merged.status();
   ASSERT_TRUE(merged->map->info().geo_anchor);
   EXPECT_EQ(merged->map->info().geo_anchor->latitude_deg, 48.1);
+
+  // What the second is joined to is not aligned in it, though the first is: two worlds that may be two.
+  map::Edit aligned(first);
+  map::Component component = first->components().at(ComponentId(1));
+  component.world_from_component = Sim3();
+  aligned.PutComponent(component);
+  const auto in_a_world = MergeMaps(*first->Apply(aligned.Finish("align")), *anchored, room.words, {}, 0);
+  ASSERT_TRUE(in_a_world.ok() && in_a_world->map != nullptr) << in_a_world.status();
+  EXPECT_FALSE(in_a_world->map->info().geo_anchor);
 }
 
 TEST(MergeMaps, CopiesAndUnlikeFeaturesAreRefused) {

@@ -7,7 +7,6 @@
 #include <map>
 #include <numbers>
 #include <optional>
-#include <span>
 #include <tuple>
 #include <unordered_set>
 
@@ -34,31 +33,28 @@ Vector3d MeanUp(const std::vector<CoverageTest>& tests) {
   return up.norm() > 1e-6 ? up.normalized() : Vector3d::UnitZ();
 }
 
-// Looks at everything that an edit without these keyframes will: what of it cannot be read is told (StatusOfRead) and
-// has no content that fits the rest.
-void LookAround(const map::Snapshot& map, std::span<const KeyframeId> erased) {
-  std::unordered_set<KeyframeId> observers;
-  for (const KeyframeId id : erased) {
+// Those that see points of these keyframes, and what these are linked to: all of it is looked at.
+std::unordered_set<KeyframeId> Around(const map::Snapshot& map, const std::unordered_set<KeyframeId>& keyframes) {
+  std::unordered_set<KeyframeId> around;
+  for (const KeyframeId id : keyframes) {
     const map::Keyframe* keyframe = map.keyframes().Find(id);
     if (keyframe == nullptr) continue;
     for (const PointId point_id : keyframe->points) {
       const map::MapPoint* point = point_id ? map.points().Find(point_id) : nullptr;
       if (point == nullptr) continue;
-      for (const map::Observation& observation : point->observations) observers.insert(observation.keyframe);
+      for (const map::Observation& observation : point->observations) around.insert(observation.keyframe);
     }
-    for (const map::CovisibilityEdge& edge : keyframe->covisible) observers.insert(edge.keyframe);
-    observers.insert(keyframe->children.begin(), keyframe->children.end());
-    observers.insert(keyframe->parent);
+    for (const map::CovisibilityEdge& edge : keyframe->covisible) around.insert(edge.keyframe);
+    around.insert(keyframe->children.begin(), keyframe->children.end());
+    around.insert(keyframe->parent);
   }
-  for (const KeyframeId id : observers) {
-    const map::Keyframe* keyframe = map.keyframes().Find(id);
-    if (keyframe == nullptr) continue;
-    for (const PointId point_id : keyframe->points) {
-      const map::MapPoint* point = point_id ? map.points().Find(point_id) : nullptr;
-      if (point == nullptr) continue;
-      for (const map::Observation& observation : point->observations) map.keyframes().Find(observation.keyframe);
-    }
-  }
+  return around;
+}
+
+// Whether all that an edit without these keyframes touches can be read: what cannot has no content that fits the rest.
+absl::Status CheckAround(const map::Snapshot& map, const std::vector<KeyframeId>& erased) {
+  for (const KeyframeId id : Around(map, Around(map, {erased.begin(), erased.end()}))) map.keyframes().Find(id);
+  return StatusOfRead(map);
 }
 
 // The map without a keyframe and those that see the same, as far as it has them; nothing if the keyframe cannot be
@@ -73,8 +69,7 @@ absl::StatusOr<std::optional<map::Delta>> Without(const std::shared_ptr<const ma
     erased.push_back(edge.keyframe);
   }
   erased.push_back(keyframe.id);
-  LookAround(*map, erased);
-  CAIRN_RETURN_IF_ERROR(StatusOfRead(*map));
+  CAIRN_RETURN_IF_ERROR(CheckAround(*map, erased));
   map::Edit edit(map);
   for (const KeyframeId id : erased) {
     if (edit.FindKeyframe(id) == nullptr) continue;

@@ -10,13 +10,15 @@
 
 namespace cairn::inspect {
 
+bool SameButForId(const map::Keyframe& a, const map::Keyframe& b) {
+  return a.time_ns == b.time_ns && a.frame_index == b.frame_index &&
+         a.camera_from_direct.rotation().coeffs() == b.camera_from_direct.rotation().coeffs() &&
+         a.camera_from_direct.translation() == b.camera_from_direct.translation();
+}
+
 const map::Keyframe* SameKeyframe(const map::Keyframe& keyframe, const map::Snapshot& other) {
   const map::Keyframe* found = other.keyframes().Find(keyframe.id);
-  const bool same = found != nullptr && found->time_ns == keyframe.time_ns &&
-                    found->frame_index == keyframe.frame_index &&
-                    found->camera_from_direct.rotation().coeffs() == keyframe.camera_from_direct.rotation().coeffs() &&
-                    found->camera_from_direct.translation() == keyframe.camera_from_direct.translation();
-  return same ? found : nullptr;
+  return found != nullptr && SameButForId(*found, keyframe) ? found : nullptr;
 }
 
 namespace {

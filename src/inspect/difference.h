@@ -18,6 +18,8 @@ namespace cairn::inspect {
 // The keyframe of `other` that this is as well; none: null. Apart from its id and time a keyframe has the pose that it
 // came with, which nothing changes and two runs of one recording hardly share.
 const map::Keyframe* SameKeyframe(const map::Keyframe& keyframe, const map::Snapshot& other);
+// The same but for the id, which merging changes.
+bool SameButForId(const map::Keyframe& a, const map::Keyframe& b);
 
 struct DifferenceOptions {
   bool align = true;  // false: positions are compared as they stand
