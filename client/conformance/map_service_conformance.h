@@ -100,6 +100,35 @@ TEST_P(MapServiceConformance, DescribesAMap) {
   EXPECT_EQ(described->sessions[0].id, map.sessions().begin()->first);
 }
 
+TEST_P(MapServiceConformance, GivesAnOverviewOfAMap) {
+  const map::Snapshot& map = *TheConformanceMap().snapshot;
+  const auto told = service_->Overview("room");
+  ASSERT_TRUE(told.ok()) << told.status();
+  EXPECT_EQ(told->summary.info.id, map.info().id);
+  EXPECT_EQ(told->summary.revision, map.revision());
+  EXPECT_EQ(told->summary.keyframes, static_cast<std::int64_t>(map.keyframes().size()));
+  EXPECT_EQ(told->summary.points, static_cast<std::int64_t>(map.points().size()));
+  ASSERT_EQ(told->cameras.size(), 1u);
+  EXPECT_EQ(told->cameras[0], map.cameras().begin()->second);
+  ASSERT_EQ(told->components.size(), 1u);
+  EXPECT_EQ(told->components[0], map.components().begin()->second);
+  ASSERT_EQ(told->sessions.size(), map.sessions().size());
+  EXPECT_EQ(told->sessions[0], map.sessions().begin()->second);
+  std::int64_t keyframes = 0, bytes = 0;
+  for (const map::KeyframeShare& share : told->shares) keyframes += share.keyframes;
+  for (const map::MapPart& part : told->parts) bytes += part.bytes;
+  EXPECT_EQ(keyframes, told->summary.keyframes);
+  EXPECT_EQ(bytes, told->summary.file_bytes);
+  EXPECT_EQ(bytes, static_cast<std::int64_t>(std::filesystem::file_size(directory_ + "/room.cairn")));
+  EXPECT_TRUE(told->quality.all);
+  EXPECT_GT(told->quality.points, 0.0);
+  EXPECT_GT(told->quality.error_rms_px, 0.0);
+  EXPECT_TRUE(told->has_vocabulary);
+  EXPECT_FALSE(told->being_written);
+  EXPECT_EQ(service_->Overview("none").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(service_->Overview("../room").status().code(), absl::StatusCode::kInvalidArgument);
+}
+
 TEST_P(MapServiceConformance, NamesDoNotLeaveTheDirectory) {
   ASSERT_TRUE(WriteConformanceMap(directory_ + "_outside.cairn").ok());
   const std::string outside = std::filesystem::path(directory_).filename().string() + "_outside";

@@ -30,6 +30,7 @@ std::string ServiceConfig(int attempts) {
       R"({"methodConfig": [{"name": [{"service": "cairn.v1.Maps", "method": "ListMaps"},
                                      {"service": "cairn.v1.Maps", "method": "DescribeMap"},
                                      {"service": "cairn.v1.Admin", "method": "ListDeletedMaps"},
+                                     {"service": "cairn.v1.Admin", "method": "OverviewMap"},
                                      {"service": "cairn.v1.Admin", "method": "VerifyMap"},
                                      {"service": "cairn.v1.Admin", "method": "ReadLog"},
                                      {"service": "cairn.v1.Sessions", "method": "ListSessions"},

@@ -3,6 +3,7 @@
 #include "wire/convert.h"
 #include "wire/convert_admin.h"
 #include "wire/convert_alignment.h"
+#include "wire/convert_overview.h"
 #include "wire/convert_status.h"
 
 namespace cairn::client {
@@ -106,6 +107,15 @@ absl::StatusOr<api::SessionRemoval> RemoteMapService::RemoveSession(const std::s
   v1::RemoveSessionResponse response;
   CAIRN_RETURN_IF_ERROR(
       stubs_->LongCall([&](auto* call) { return stubs_->admin->RemoveSession(call, request, &response); }));
+  return wire::FromProto(response);
+}
+
+absl::StatusOr<map::MapOverview> RemoteMapService::Overview(const std::string& map) {
+  CAIRN_RETURN_IF_ERROR(api::CheckMapName(map));
+  v1::OverviewMapRequest request;
+  request.set_map(map);
+  v1::OverviewMapResponse response;
+  CAIRN_RETURN_IF_ERROR(stubs_->Read([&](auto* call) { return stubs_->admin->OverviewMap(call, request, &response); }));
   return wire::FromProto(response);
 }
 

@@ -116,6 +116,9 @@ class FakeMaps : public api::MapService {
   absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& /*request*/) override {
     return Reach("align", map, api::AlignAnswer());
   }
+  absl::StatusOr<map::MapOverview> Overview(const std::string& map) override {
+    return Reach("overview", map, map::MapOverview());
+  }
   absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& /*query*/) override {
     return Reach("log", map, api::MapLog());
   }
@@ -205,6 +208,7 @@ TEST_F(AccessTest, AMapThatMayNotBeReadIsAsOneThatIsNotThere) {
   const absl::Status secret = reader.Describe("secret").status(), none = reader.Describe("none").status();
   EXPECT_EQ(secret.code(), absl::StatusCode::kPermissionDenied);
   EXPECT_EQ(secret, none);
+  EXPECT_EQ(reader.Overview("secret").status(), secret);
   EXPECT_EQ(reader.Localize("secret", {}).status(), secret);
   EXPECT_EQ(reader.NewTracker("secret", {}).status(), secret);
   EXPECT_EQ(reader.Follow("secret", {}).status(), secret);

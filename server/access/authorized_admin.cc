@@ -93,6 +93,11 @@ absl::StatusOr<api::SessionRemoval> AuthorizedMaps::RemoveSession(const std::str
       });
 }
 
+absl::StatusOr<map::MapOverview> AuthorizedMaps::Overview(const std::string& map) {
+  CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
+  return maps_.Overview(map);
+}
+
 absl::StatusOr<api::MapLog> AuthorizedMaps::Log(const std::string& map, const map::ChangeQuery& query) {
   CAIRN_RETURN_IF_ERROR(Require(Right::kRead, map));
   return maps_.Log(map, query);

@@ -47,6 +47,7 @@ class AuthorizedMaps final : public api::MapService {
   absl::StatusOr<api::MapVerification> Verify(const std::string& map, api::VerifyDepth depth) override;
   absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& request) override;
   absl::StatusOr<api::SessionRemoval> RemoveSession(const std::string& map, SessionId session) override;
+  absl::StatusOr<map::MapOverview> Overview(const std::string& map) override;
   absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& query) override;
   absl::Status Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) override;
 

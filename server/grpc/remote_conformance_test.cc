@@ -56,6 +56,7 @@ struct ServiceWithServer : public api::MapService {
   absl::StatusOr<api::AlignAnswer> Align(const std::string& map, const api::AlignRequest& request) override {
     return service->Align(map, request);
   }
+  absl::StatusOr<map::MapOverview> Overview(const std::string& map) override { return service->Overview(map); }
   absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& query) override {
     return service->Log(map, query);
   }

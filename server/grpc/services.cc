@@ -71,6 +71,10 @@ class AdminService final : public v1::Admin::Service {
                         v1::AlignMapResponse* response) override {
     return AnswerOne(context_, call, "Admin.AlignMap", &server::AlignMap, *request, response);
   }
+  grpc::Status OverviewMap(ServerContext* call, const v1::OverviewMapRequest* request,
+                           v1::OverviewMapResponse* response) override {
+    return AnswerOne(context_, call, "Admin.OverviewMap", &server::OverviewMap, *request, response);
+  }
   grpc::Status ReadLog(ServerContext* call, const v1::ReadLogRequest* request, v1::ReadLogResponse* response) override {
     return AnswerOne(context_, call, "Admin.ReadLog", &server::ReadLog, *request, response);
   }

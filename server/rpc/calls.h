@@ -87,6 +87,8 @@ absl::Status VerifyMap(const CallContext& context, const v1::VerifyMapRequest& r
 absl::Status AlignMap(const CallContext& context, const v1::AlignMapRequest& request, v1::AlignMapResponse* response);
 absl::Status RemoveSession(const CallContext& context, const v1::RemoveSessionRequest& request,
                            v1::RemoveSessionResponse* response);
+absl::Status OverviewMap(const CallContext& context, const v1::OverviewMapRequest& request,
+                         v1::OverviewMapResponse* response);
 absl::Status ReadLog(const CallContext& context, const v1::ReadLogRequest& request, v1::ReadLogResponse* response);
 // `write` gives false once the client is gone.
 using ExportWriter = std::function<bool(const v1::ExportMapResponse&)>;

@@ -19,6 +19,7 @@
 #include "base/ids.h"
 #include "base/status.h"
 #include "map/entities.h"
+#include "map/overview.h"
 
 namespace cairn::api {
 
@@ -126,6 +127,8 @@ class MapService {
   // `as` empty: under the name that it had. That name. NotFound if it is not in the trash, AlreadyExists if there is a
   // map of that name.
   virtual absl::StatusOr<std::string> Restore(const std::string& deleted, const std::string& as) = 0;
+  // One screen about it, as store::ReadMapOverview: only a sample of its keyframes is looked at.
+  virtual absl::StatusOr<map::MapOverview> Overview(const std::string& map) = 0;
   // Reads all of it. What keeps a map from being opened is a finding as well.
   virtual absl::StatusOr<MapVerification> Verify(const std::string& map, VerifyDepth depth) = 0;
   // Further errors as of engine::AlignMap.

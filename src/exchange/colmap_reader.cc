@@ -179,7 +179,7 @@ absl::Status ReadBinary(const std::string& folder, Reconstruction* model) {
       CAIRN_ASSIGN_OR_RETURN(point.id, PointNumber(in.Take<std::uint64_t>()));
       for (int k = 0; k < 3; ++k) point.position[k] = in.Take<double>();
       for (std::uint8_t* value : {&point.red, &point.green, &point.blue}) *value = in.Take<std::uint8_t>();
-      point.error_px = in.Take<double>();
+      point.error_mean_px = in.Take<double>();
       const auto track = in.TakeCount(8);
       for (std::uint64_t k = 0; k < track; ++k) {
         const auto image = in.Take<std::uint32_t>();
@@ -280,7 +280,7 @@ absl::Status ReadText(const std::string& folder, Reconstruction* model) {
     point.red = static_cast<std::uint8_t>(std::clamp(values[3], 0.0, 255.0));
     point.green = static_cast<std::uint8_t>(std::clamp(values[4], 0.0, 255.0));
     point.blue = static_cast<std::uint8_t>(std::clamp(values[5], 0.0, 255.0));
-    point.error_px = values[6];
+    point.error_mean_px = values[6];
     for (std::size_t i = 8; i < words.size(); i += 2) {
       ModelObservation observation;
       if (!Parse(words[i], &observation.image) || !Parse(words[i + 1], &observation.keypoint)) return kNoNumber;

@@ -54,7 +54,7 @@ std::string PointsText(const Reconstruction& model) {
       model.points.size(), "\n");
   for (const ModelPoint& point : model.points) {
     absl::StrAppendFormat(&text, "%u %.17g %.17g %.17g %d %d %d %.9g", point.id, point.position.x(), point.position.y(),
-                          point.position.z(), point.red, point.green, point.blue, point.error_px);
+                          point.position.z(), point.red, point.green, point.blue, point.error_mean_px);
     for (const ModelObservation& o : point.track) absl::StrAppend(&text, " ", o.image, " ", o.keypoint);
     text += "\n";
   }
@@ -110,7 +110,7 @@ std::string PointsBinary(const Reconstruction& model) {
     Put(&out, std::uint64_t{point.id});
     for (int i = 0; i < 3; ++i) Put(&out, point.position[i]);
     for (const std::uint8_t value : {point.red, point.green, point.blue}) Put(&out, value);
-    Put(&out, point.error_px);
+    Put(&out, point.error_mean_px);
     Put(&out, std::uint64_t{point.track.size()});
     for (const ModelObservation& observation : point.track) {
       Put(&out, observation.image);

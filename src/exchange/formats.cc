@@ -158,7 +158,8 @@ std::string ModelJson(const Reconstruction& model) {
   for (const ModelPoint& point : model.points) {
     json["points"].push_back({{"id", point.id},
                               {"position", AsJson(point.position)},
-                              {"error_px", point.error_px},
+                              {"error_px", point.error_rms_px},
+                              {"error_mean_px", point.error_mean_px},
                               {"gray", point.red},
                               {"observations", point.track.size()}});
   }

@@ -41,16 +41,20 @@ ModelPoint ToPoint(const map::Snapshot& map, const map::MapPoint& point) {
   ModelPoint model;
   model.id = point.id.value();
   model.position = inspect::Placed(map, inspect::ComponentOf(map, point), point.position);
-  double sum = 0.0;
+  double sum = 0.0, squares = 0.0;
   int count = 0;
   for (const map::Observation& observation : point.observations) {
     model.track.push_back({observation.keyframe.value(), observation.feature});
     const auto measured = inspect::Measure(map, map.keyframe(observation.keyframe), observation.feature);
     if (!measured) continue;
     sum += measured->error_px.norm();
+    squares += measured->error_px.squaredNorm();
     ++count;
   }
-  model.error_px = count > 0 ? sum / count : 0.0;
+  if (count > 0) {
+    model.error_mean_px = sum / count;
+    model.error_rms_px = std::sqrt(squares / count);
+  }
   return model;
 }
 
@@ -65,6 +69,11 @@ absl::StatusOr<Reconstruction> FromMap(const map::Snapshot& map, ComponentId com
   Reconstruction model;
   model.metric = map.WorldFrom(chosen[0]).has_value();
   const auto is_chosen = [&](ComponentId id) { return std::ranges::find(chosen, id) != chosen.end(); };
+  for (const ComponentId id : map.LiveComponents()) {
+    if (is_chosen(id) || map.NumKeyframes(id) == 0) continue;
+    ++model.components_left_out;
+    model.keyframes_left_out += static_cast<std::int64_t>(map.NumKeyframes(id));
+  }
   map.keyframes().ForEach([&](const auto& keyframe) {
     if (!is_chosen(keyframe->component)) return;
     model.images.push_back(ToImage(map, *keyframe));
@@ -82,7 +91,7 @@ ModelErrors MeasureErrors(const Reconstruction& model) {
   ModelErrors errors;
   double squares = 0.0, sum = 0.0, of_points = 0.0;
   for (const ModelPoint& point : model.points) {
-    of_points += point.error_px;
+    of_points += point.error_mean_px;
     for (const ModelObservation& observation : point.track) {
       const ModelImage& image = *images.at(observation.image);
       const auto pixel = model.cameras.at(image.camera).Project(image.camera_from_world * point.position);

@@ -33,7 +33,8 @@ struct ModelPoint {
   std::uint32_t id = 0;
   Vector3d position = Vector3d::Zero();
   std::uint8_t red = 128, green = 128, blue = 128;
-  double error_px = 0.0;  // mean distance of its keypoints from where it should be seen
+  double error_rms_px = 0.0;   // of the distances of its keypoints from where it should be seen
+  double error_mean_px = 0.0;  // of these distances: what COLMAP calls the error of a point
   std::vector<ModelObservation> track;
 };
 
@@ -42,6 +43,9 @@ struct Reconstruction {
   std::vector<ModelImage> images;  // ascending by id, as the points
   std::vector<ModelPoint> points;
   bool metric = false;  // the world's lengths are metres
+  // Of the map but not here, as they have frames of their own; keyframes of these.
+  int components_left_out = 0;
+  std::int64_t keyframes_left_out = 0;
 };
 
 // Which components: the given one, or without any all that are aligned, or else the one with most keyframes.
@@ -52,7 +56,7 @@ struct ModelErrors {
   std::int64_t observations = 0;
   double rms_px = 0.0;             // of the distances of keypoints from where their points should be seen
   double mean_px = 0.0;            // of these distances
-  double mean_of_points_px = 0.0;  // mean over the points of ModelPoint::error_px
+  double mean_of_points_px = 0.0;  // mean over the points of ModelPoint::error_mean_px: what COLMAP tells
 };
 ModelErrors MeasureErrors(const Reconstruction& model);
 

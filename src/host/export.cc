@@ -38,9 +38,24 @@ ExportFrame ExportFrameOf(const map::Snapshot& map) {
 
 Sim3 OutFrom(const map::Snapshot& map, ComponentId component) { return map.WorldFrom(component).value_or(Sim3()); }
 
+// ", without 9 keyframes of 2 components in other frames"; empty: all are in this one.
+std::string LeftOut(const map::Snapshot& map, const ExportFrame& frame) {
+  int components = 0;
+  std::int64_t keyframes = 0;
+  for (const ComponentId id : map.LiveComponents()) {
+    if (frame.components.contains(id) || map.NumKeyframes(id) == 0) continue;
+    ++components;
+    keyframes += static_cast<std::int64_t>(map.NumKeyframes(id));
+  }
+  return components == 0
+             ? ""
+             : absl::StrCat(", without ", keyframes, " keyframes of ", components,
+                            components == 1 ? " component in another frame" : " components in other frames");
+}
+
 // What stands at the head of the files.
 std::string Comment(const char* what, const map::Snapshot& map, const ExportFrame& frame) {
-  return absl::StrCat(what, " of map ", map.info().name, ", revision ", map.revision(),
+  return absl::StrCat(what, " of map ", map.info().name, ", revision ", map.revision(), LeftOut(map, frame),
                       frame.world ? ", frame world, metres" : ", frame of the largest component, map units");
 }
 

@@ -1,11 +1,15 @@
 #include "host/inspect.h"
 
+#include <filesystem>
 #include <memory>
 #include <utility>
 
+#include "health/map_vocabulary.h"
 #include "health/verify_map.h"
 #include "host/describe.h"
+#include "store/map_overview.h"
 #include "store/map_store.h"
+#include "store/writer_lock.h"
 
 namespace cairn::host {
 
@@ -17,6 +21,17 @@ absl::StatusOr<api::MapVerification> VerifyMap(const std::string& map, const std
   verified.findings = std::move(report.findings);
   verified.notes = std::move(report.notes);
   return verified;
+}
+
+absl::StatusOr<map::MapOverview> ReadOverview(const std::string& uri) {
+  CAIRN_ASSIGN_OR_RETURN(map::MapOverview overview, store::ReadMapOverview(uri));
+  std::error_code error;
+  overview.being_written = store::WriterLock::IsHeld(std::filesystem::weakly_canonical(uri, error).string());
+  if (overview.summary.info.vocabulary_hash == 0 || overview.has_vocabulary) return overview;
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file, store::OpenMapStore(uri, store::OpenMode::kRead));
+  CAIRN_ASSIGN_OR_RETURN(const health::MapVocabulary vocabulary, health::LoadVocabulary(*file));
+  if (!vocabulary.note.empty()) overview.notes.push_back(vocabulary.note);
+  return overview;
 }
 
 absl::StatusOr<api::MapLog> ReadMapLog(const std::string& uri, const map::ChangeQuery& query) {

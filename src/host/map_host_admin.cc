@@ -179,6 +179,17 @@ absl::StatusOr<api::SessionRemoval> MapHost::RemoveSession(const std::string& ma
   });
 }
 
+absl::StatusOr<map::MapOverview> MapHost::Overview(const std::string& map) {
+  return Guarded([&]() -> absl::StatusOr<map::MapOverview> {
+    CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
+    absl::StatusOr<map::MapOverview> overview = ReadOverview(path);
+    if (!overview.ok()) return Told(overview.status());
+    overview->being_written |= Written(map) != nullptr;
+    for (std::string& note : overview->notes) note = Told(note);
+    return overview;
+  });
+}
+
 absl::StatusOr<api::MapLog> MapHost::Log(const std::string& map, const map::ChangeQuery& query) {
   return Guarded([&]() -> absl::StatusOr<api::MapLog> {
     CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));

@@ -26,7 +26,7 @@ struct CoverageOptions {
   // A pose so near to the keyframe's is right: share of the median depth of its points, degrees.
   double max_shift_share = 0.1;
   double max_turn_deg = 5.0;
-  // Side of the cells of the ground plane, in the unit of Placed(); 0: the median depth of all tested keyframes over 4.
+  // Side of the cells of a ground plane, in the unit of Placed(); 0: the median depth of its tested keyframes over 4.
   double cell_size = 0.0;
   double min_share = 0.5;  // cells below are warned of ...
   int min_tests = 2;       // ... if so many keyframes were tried there
@@ -41,6 +41,7 @@ struct CoverageTest {
   KeyframeId keyframe;
   ComponentId component;
   SE3 placed_from_camera;  // PlacedPose (measures.h)
+  double depth = 0.0;      // median of the keyframe's points, in the unit of Placed()
   int left_out = 0;        // other keyframes taken out with it
   CoverageResult result = CoverageResult::kMissed;
   tracking::RelocalizationStage stage = tracking::RelocalizationStage::kFeatures;  // of a miss
@@ -56,14 +57,27 @@ struct CoverageCell {
   double share() const { return tests > 0 ? 1.0 * found / tests : 0.0; }
 };
 
-struct Coverage {
-  std::vector<CoverageTest> tests;  // ascending by keyframe
+// What lies in one frame: all aligned components, in the world and in metres, or one that is not, in its map units.
+struct CoverageGround {
+  std::vector<ComponentId> components;  // of which there are tests, ascending
+  bool in_world = false;
   std::vector<CoverageCell> cells;  // ascending by component, y, x
-  double cell_size = 0.0;
-  // Directions of the ground plane. Where components are aligned and upwards is about one of the world's axes, those
-  // are the other two, and named so; else two of the axes in which the cameras spread most.
+  double cell_size = 0.0;           // in the unit of Placed()
+  // Directions of the ground plane. In the world, if upwards is about one of its axes, those are the other two, and
+  // named so; else two of the axes in which the cameras spread most.
   Vector3d right = Vector3d::UnitX(), ahead = Vector3d::UnitY();
   std::string right_name, ahead_name;  // "x", "-z"; empty if it is none of the world's axes
+  int tests = 0;
+  int found = 0;
+
+  bool Holds(ComponentId component) const;
+  // The cell of a position, without what is known of it.
+  CoverageCell CellOf(const Vector3d& placed) const;
+};
+
+struct Coverage {
+  std::vector<CoverageTest> tests;      // ascending by keyframe
+  std::vector<CoverageGround> grounds;  // the world's first, then those with most tests
   int not_tested = 0;  // roots of spanning trees, which cannot be taken out, and what max_tests leaves out
   double share = 0.0;  // of the tests: found
   std::vector<std::string> warnings;
@@ -81,9 +95,6 @@ struct ViewPart {
 absl::StatusOr<std::vector<CoverageTest>> AskForKeyframe(const tracking::MapView& view, const map::Snapshot& map,
                                                          KeyframeId asked, const CoverageOptions& options,
                                                          const std::vector<ViewPart>& parts = {ViewPart()});
-
-// The cell of a position.
-CoverageCell CellOf(const Coverage& coverage, const Vector3d& placed);
 
 // `progress` is told after each test how many are done, of how many; false ends it early with what there is. May be
 // empty. FailedPrecondition: the map has no vocabulary.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <map>
 #include <numbers>
+#include <optional>
+#include <unordered_map>
 #include <utility>
 
 #include "geometry/alignment.h"
@@ -44,6 +46,12 @@ ComponentFit FitOf(const map::Snapshot& map, const ComponentPair& pair, const Co
   return fit;
 }
 
+bool SameAnchor(const std::optional<map::GeoAnchor>& a, const std::optional<map::GeoAnchor>& b) {
+  if (!a || !b) return a.has_value() == b.has_value();
+  return a->latitude_deg == b->latitude_deg && a->longitude_deg == b->longitude_deg && a->height_m == b->height_m &&
+         a->enu_from_world.coeffs() == b->enu_from_world.coeffs();
+}
+
 class Comparison {
  public:
   Comparison(const map::Snapshot& first, const map::Snapshot& second, const DifferenceOptions& options)
@@ -52,12 +60,19 @@ class Comparison {
   absl::StatusOr<MapDifference> Run() {
     CompareKeyframes();
     if (difference_.keyframes_kept == 0 && !first_.keyframes().empty() && !second_.keyframes().empty()) {
+      if (HaveCommonUnderOtherIds()) {
+        return absl::FailedPreconditionError(
+            "the two have keyframes in common, but under other ids, as merging (cairn merge) and importing give them: "
+            "only states of one map, or copies of one that went on, can be compared");
+      }
       return absl::FailedPreconditionError(
           "the two have no keyframe in common: they are not states of one map, nor copies of one that went on "
           "(of one recording two runs make two maps; cairn merge joins such)");
     }
     ComparePoints();
     CompareHeads();
+    CompareCameras();
+    difference_.anchor_changed = !SameAnchor(first_.info().geo_anchor, second_.info().geo_anchor);
     return std::move(difference_);
   }
 
@@ -98,6 +113,17 @@ class Comparison {
                : turn * 180.0 / std::numbers::pi});
     });
     std::ranges::stable_sort(difference_.keyframe_moves, std::ranges::greater(), &KeyframeMove::shift);
+  }
+
+  bool HaveCommonUnderOtherIds() const {
+    std::unordered_multimap<TimeNs, const map::Keyframe*> by_time;
+    first_.keyframes().ForEach([&](const auto& keyframe) { by_time.emplace(keyframe->time_ns, keyframe.get()); });
+    bool common = false;
+    second_.keyframes().ForEach([&](const auto& keyframe) {
+      const auto [begin, end] = by_time.equal_range(keyframe->time_ns);
+      common |= std::any_of(begin, end, [&](const auto& entry) { return SameButForId(*entry.second, *keyframe); });
+    });
+    return common;
   }
 
   // A point of the second map that the first has as well: somebody sees it in both, by the same feature.
@@ -160,6 +186,24 @@ class Comparison {
     }
   }
 
+  // In maps that went on apart one id may stand for two cameras: such a one is gone, and another is there.
+  void CompareCameras() {
+    for (const auto& [id, camera] : second_.cameras()) {
+      const auto before = first_.cameras().find(id);
+      if (before == first_.cameras().end() || !(before->second.model == camera.model)) {
+        difference_.cameras_added.push_back(id);
+      } else if (!(before->second == camera)) {
+        difference_.cameras_changed.push_back(id);
+      }
+    }
+    for (const auto& [id, camera] : first_.cameras()) {
+      const auto now = second_.cameras().find(id);
+      if (now == second_.cameras().end() || !(now->second.model == camera.model)) {
+        difference_.cameras_removed.push_back(id);
+      }
+    }
+  }
+
   const map::Snapshot& first_;
   const map::Snapshot& second_;
   const DifferenceOptions& options_;
@@ -173,7 +217,8 @@ bool MapDifference::same() const {
   const auto stays = [](const auto& move) { return move.shift == 0.0; };
   return keyframes_added.empty() && keyframes_removed.empty() && points_added.empty() && points_removed.empty() &&
          sessions_added.empty() && sessions_removed.empty() && components_added.empty() && components_gone.empty() &&
-         realigned.empty() && std::ranges::all_of(keyframe_moves, stays) && std::ranges::all_of(point_moves, stays) &&
+         realigned.empty() && cameras_added.empty() && cameras_removed.empty() && cameras_changed.empty() &&
+         !anchor_changed && std::ranges::all_of(keyframe_moves, stays) && std::ranges::all_of(point_moves, stays) &&
          observations_before == observations_after;
 }
 

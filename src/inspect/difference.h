@@ -52,13 +52,16 @@ struct MapDifference {
   std::vector<SessionId> sessions_removed;                     // gone, or marked as removed
   std::vector<ComponentId> components_added, components_gone;  // gone: removed, or joined to another
   std::vector<ComponentId> realigned;                          // whose place in the world is another
+  std::vector<CameraId> cameras_added, cameras_removed;
+  std::vector<CameraId> cameras_changed;  // of the same calibration, of which the map corrected the lens meanwhile
+  bool anchor_changed = false;            // where the world is on the earth (MapInfo::geo_anchor)
   std::vector<ComponentFit> fits;
   std::vector<KeyframeMove> keyframe_moves;  // of all common keyframes
   std::vector<PointMove> point_moves;        // of all common points
   std::int64_t keyframes_kept = 0, points_kept = 0;
   std::int64_t observations_before = 0, observations_after = 0;  // of everything
 
-  bool same() const;  // nothing is added, removed or moved
+  bool same() const;  // nothing is added, removed, moved or placed elsewhere
 };
 
 // FailedPrecondition if the two have no keyframe in common although both have some.

@@ -76,6 +76,33 @@ TEST(Difference, AChangeOfFrameIsNoMove) {
   EXPECT_GT(as_it_stands->keyframe_moves[0].shift, 1.0);
 }
 
+TEST(Difference, OfWhatIsNoEntityOfTheMap) {
+  const TestMap world = MakeMap(3, 8, 300);
+  const auto after = After(world.snapshot, [&](map::Edit* edit) {
+    map::MapInfo info = edit->base().info();
+    info.geo_anchor = map::GeoAnchor{.latitude_deg = 60.0, .longitude_deg = 25.0};
+    edit->SetInfo(info);
+  });
+  const auto anchored = Compare(*world.snapshot, *after);
+  ASSERT_TRUE(anchored.ok()) << anchored.status();
+  EXPECT_TRUE(anchored->anchor_changed);
+  EXPECT_FALSE(anchored->same());
+  EXPECT_TRUE(Compare(*after, *after)->same());
+
+  const auto corrected = After(world.snapshot, [&](map::Edit* edit) {
+    map::MapCamera camera = edit->camera(CameraId(1));
+    camera.lens = LensCorrection();
+    edit->PutCamera(camera);
+    camera.model.fx_px += 1.0;
+    edit->AddCamera(camera);
+  });
+  const auto cameras = Compare(*world.snapshot, *corrected);
+  ASSERT_TRUE(cameras.ok()) << cameras.status();
+  EXPECT_THAT(cameras->cameras_changed, ElementsAre(CameraId(1)));
+  EXPECT_THAT(cameras->cameras_added, ElementsAre(CameraId(2)));
+  EXPECT_THAT(Compare(*corrected, *world.snapshot)->cameras_removed, ElementsAre(CameraId(2)));
+}
+
 // Two copies of a map went on by themselves: what each calls point 301 is another.
 TEST(Difference, WhatWasAddedToEitherIsNotTheSame) {
   const TestMap world = MakeMap(3, 8, 300);
@@ -119,6 +146,22 @@ TEST(Difference, MapsThatHaveNothingInCommonAreNotCompared) {
   ASSERT_EQ(run_again->keyframe(KeyframeId(1)).time_ns, one.snapshot->keyframe(KeyframeId(1)).time_ns);
   EXPECT_TRUE(absl::IsFailedPrecondition(Compare(*one.snapshot, *run_again).status()));
   EXPECT_TRUE(Compare(*one.snapshot, *other).ok());
+}
+
+// Merging gives new ids: that the two overlap is said, not that they could be merged.
+TEST(Difference, WhatIsInCommonUnderOtherIdsIsToldToBe) {
+  const TestMap one = MakeMap(3, 4, 200);
+  const auto merged = After(map::testing::MakeWorld(3, 4, 200).snapshot, [&](map::Edit* edit) {
+    map::Keyframe first = one.snapshot->keyframe(KeyframeId(1));
+    map::Keyframe other = first;
+    first.component = other.component = ComponentId();
+    other.time_ns += 5;
+    edit->AddKeyframe(other);
+    edit->AddKeyframe(first);
+  });
+  const absl::Status status = Compare(*one.snapshot, *merged).status();
+  EXPECT_TRUE(absl::IsFailedPrecondition(status));
+  EXPECT_THAT(status.message(), ::testing::HasSubstr("under other ids"));
 }
 
 }  // namespace

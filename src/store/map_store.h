@@ -21,6 +21,7 @@
 #include "map/changed_rows.h"
 #include "map/delta.h"
 #include "map/history.h"
+#include "map/overview.h"
 #include "map/snapshot.h"
 #include "store/fault.h"
 
@@ -81,19 +82,7 @@ struct ReadyOptions {
 };
 
 // Sizes, without loading the map.
-struct MapSummary {
-  int format_version = 0;
-  Revision revision = 0;
-  map::MapInfo info;
-  std::int64_t cameras = 0;
-  std::int64_t sessions = 0;
-  std::int64_t components = 0;  // those that were joined to others included
-  std::int64_t keyframes = 0;
-  std::int64_t points = 0;
-  std::int64_t covisibility_edges = 0;
-  std::int64_t file_bytes = 0;        // of the database, without what a writer has in its write-ahead log
-  std::int64_t vocabulary_bytes = 0;  // of these
-};
+using MapSummary = map::StoredSummary;
 
 using map::ChangeQuery;
 using map::Finding;

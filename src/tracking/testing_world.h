@@ -126,10 +126,11 @@ inline std::shared_ptr<const place::Vocabulary> TrainVocabulary(const World& wor
 
 // The map of keyframes at these poses, with every point that two or more of them see, at its true position. A point
 // that more than `max_unseen` keyframes in a row have not seen comes back as another one: to a camera that does not
-// know the place again.
+// know the place again. Of two or more components, all but the first begin at the poses of these indices.
 inline std::shared_ptr<const map::Snapshot> BuildMap(const World& world, const std::vector<SE3>& poses,
                                                      const place::Vocabulary& vocabulary, const ViewOptions& options,
-                                                     Random& random, KeyframeId::Value max_unseen = 1000000) {
+                                                     Random& random, KeyframeId::Value max_unseen = 1000000,
+                                                     const std::vector<std::size_t>& components_at = {}) {
   map::MapInfo info;
   info.id = "0123456789abcdef0123456789abcdef";
   info.vocabulary_hash = vocabulary.hash();
@@ -144,7 +145,11 @@ inline std::shared_ptr<const map::Snapshot> BuildMap(const World& world, const s
   session.camera = keyframe.camera;
   keyframe.session = edit.AddSession(session);
   std::vector<std::vector<map::Observation>> observations(world.points.size());
-  for (const SE3& pose : poses) {
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const SE3& pose = poses[i];
+    if (std::ranges::find(components_at, i) != components_at.end()) {
+      keyframe.component = edit.AddComponent({.id = {}, .session = keyframe.session});
+    }
     View view = Observe(world, pose, info.orb, options, random);
     auto features = std::make_shared<map::KeyframeFeatures>();
     for (const auto& descriptor : view.features.descriptors) features->words.push_back(vocabulary.Lookup(descriptor));
@@ -157,9 +162,9 @@ inline std::shared_ptr<const map::Snapshot> BuildMap(const World& world, const s
     keyframe.camera_from_direct = SE3(Quaterniond::Identity(), off) * pose;
     keyframe.features = features;
     const KeyframeId id = edit.AddKeyframe(keyframe);
-    for (std::uint32_t i = 0; i < view.point_of_feature.size(); ++i) {
-      if (view.point_of_feature[i] >= 0) {
-        observations[static_cast<std::size_t>(view.point_of_feature[i])].push_back({id, i});
+    for (std::uint32_t k = 0; k < view.point_of_feature.size(); ++k) {
+      if (view.point_of_feature[k] >= 0) {
+        observations[static_cast<std::size_t>(view.point_of_feature[k])].push_back({id, k});
       }
     }
   }

@@ -7,11 +7,77 @@
 
 #include "wire/convert.h"
 #include "wire/convert_alignment.h"
+#include "wire/convert_overview.h"
 #include "wire/convert_status.h"
 #include "wire/testing_messages.h"
 
 namespace cairn::wire {
 namespace {
+
+TEST(ConvertAdmin, Overviews) {
+  map::MapOverview overview;
+  overview.summary.format_version = 4;
+  overview.summary.revision = 17;
+  overview.summary.info.id = "0123456789abcdef0123456789abcdef";
+  overview.summary.info.vocabulary_hash = 5;
+  overview.summary.keyframes = 20;
+  overview.summary.points = 30;
+  overview.summary.file_bytes = 4000;
+  map::MapCamera camera;
+  camera.id = CameraId(2);
+  camera.model =
+      Camera::FromPinhole({.width_px = 64, .height_px = 48, .fx_px = 50, .fy_px = 51, .cx_px = 32, .cy_px = 24});
+  camera.pinhole = {.width_px = 64, .height_px = 48, .fx_px = 50, .fy_px = 51, .cx_px = 32, .cy_px = 24};
+  camera.lens = LensCorrection{1.01, 0.02, -0.003};
+  overview.cameras = {camera};
+  map::Session session;
+  session.id = SessionId(3);
+  session.source = "kitchen";
+  session.trajectory = map::ReportedTrajectory{true, 5, 4, "why"};
+  overview.sessions = {session};
+  overview.components = {{.id = ComponentId(1), .session = SessionId(3)}};
+  overview.shares = {{SessionId(3), ComponentId(1), 20, 100, 200}};
+  overview.parts = {{"descriptors", 3000}, {"rest", 1000}};
+  overview.quality = {12, false, 1, 2, 3, 4, 5, 6, 7};
+  overview.has_vocabulary = overview.being_written = true;
+  overview.notes = {"a note"};
+  v1::OverviewMapResponse message;
+  ToProto(overview, &message);
+  const auto back = FromProto(OverTheWire(message));
+  ASSERT_TRUE(back.ok()) << back.status();
+  EXPECT_EQ(back->summary.format_version, 4);
+  EXPECT_EQ(back->summary.revision, 17u);
+  EXPECT_EQ(back->summary.info.id, overview.summary.info.id);
+  EXPECT_EQ(back->summary.info.vocabulary_hash, 5u);
+  EXPECT_EQ(back->summary.keyframes, 20);
+  EXPECT_EQ(back->summary.points, 30);
+  EXPECT_EQ(back->summary.file_bytes, 4000);
+  EXPECT_EQ(back->cameras, overview.cameras);
+  EXPECT_EQ(back->sessions, overview.sessions);
+  EXPECT_EQ(back->components, overview.components);
+  ASSERT_EQ(back->shares.size(), 1u);
+  EXPECT_EQ(back->shares[0].session, SessionId(3));
+  EXPECT_EQ(back->shares[0].component, ComponentId(1));
+  EXPECT_EQ(back->shares[0].keyframes, 20);
+  EXPECT_EQ(back->shares[0].first_ns, 100);
+  EXPECT_EQ(back->shares[0].last_ns, 200);
+  ASSERT_EQ(back->parts.size(), 2u);
+  EXPECT_EQ(back->parts[0].name, "descriptors");
+  EXPECT_EQ(back->parts[1].bytes, 1000);
+  const map::MapQuality& quality = back->quality;
+  EXPECT_EQ(quality.keyframes, 12);
+  EXPECT_FALSE(quality.all);
+  EXPECT_THAT((std::vector{quality.features, quality.points, quality.covisible, quality.observations_per_point}),
+              testing::ElementsAre(1, 2, 3, 4));
+  EXPECT_EQ(quality.error_keyframes, 5);
+  EXPECT_EQ(quality.error_rms_px, 6);
+  EXPECT_EQ(quality.error_median_px, 7);
+  EXPECT_TRUE(back->has_vocabulary);
+  EXPECT_TRUE(back->being_written);
+  EXPECT_THAT(back->notes, testing::ElementsAre("a note"));
+  message.mutable_cameras(0)->mutable_pinhole()->set_width_px(-1);
+  EXPECT_FALSE(FromProto(message).ok());
+}
 
 TEST(ConvertAdmin, VerificationsAndLogs) {
   api::MapVerification verified;

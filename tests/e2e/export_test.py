@@ -97,6 +97,37 @@ class Export(unittest.TestCase):
         transforms = json.load(open(self.path('nerf/transforms.json')))
         self.assertTrue(all((self.path('nerf') / frame['file_path']).exists() for frame in transforms['frames']))
 
+    def test_errors_mean_the_same_as_elsewhere(self):
+        must('export', self.map, self.path('errors.json'))
+        points = {point['id']: point for point in json.load(open(self.path('errors.json')))['points']}
+        listed = must('ls', self.map, 'points')['points']
+        self.assertEqual(len(points), len(listed))
+        for point in listed:
+            self.assertAlmostEqual(point['error_px'], points[point['id']]['error_px'], delta=1e-6)
+        mean = sum(point['error_mean_px'] for point in points.values()) / len(points)
+        told = cairn('export', self.map, self.path('told'), '--format', 'colmap', json_output=False).out
+        self.assertIn(f'mean {mean:.3f} px over the points, as COLMAP has it', ' '.join(told.split()))
+
+    def test_components_that_have_frames_of_their_own_are_not_left_out_silently(self):
+        other, both = self.path('elsewhere'), self.path('both.cairn')
+        must('synth', 'office', '--seed', 5, '--duration', 4, '--out', other)
+        must('run', other, '--map', self.path('elsewhere.cairn'), '--deterministic')
+        must('merge', self.map, self.path('elsewhere.cairn'), '--apart', '-o', both)
+        counts = {component['id']: component['keyframes'] for component in must('info', both)['components']}
+        self.assertEqual(len(counts), 2)
+        left_out = min(counts.values())
+        report = must('export', both, self.path('both.json'))
+        self.assertEqual((report['components_left_out'], report['keyframes_left_out']), (1, left_out))
+        self.assertEqual(report['keyframes'], max(counts.values()))
+        told = cairn('export', both, self.path('both.g2o'), json_output=False).out
+        self.assertIn(f'left out: {left_out} keyframes of 1 components', told)
+        for name in ('both.ply', 'both.txt'):
+            self.assertEqual(must('export', both, self.path(name))['left_out'],
+                             f'without {left_out} keyframes of 1 component in another frame')
+            told = cairn('export', both, self.path(f'told_{name}'), json_output=False).out
+            self.assertIn(f'without {left_out} keyframes', told)
+        self.assertNotIn('left_out', must('export', self.map, self.path('whole.ply')))
+
     def test_what_cannot_be_exported_is_told(self):
         self.assertEqual(cairn('export', self.map, self.path('x.docx')).code, 2)
         self.assertEqual(cairn('export', self.map, self.path('x.ply'), '--component', 7).code, 1)

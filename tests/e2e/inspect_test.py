@@ -226,6 +226,30 @@ class Inspection(unittest.TestCase):
         self.assertEqual(must('info', self.map, '--digest')['digest'], before)
         self.text('coverage', self.map)
         self.assertEqual((coverage['frame'], coverage['unit']), ('map', 'map units'))
+        self.assertEqual(len(coverage['grounds']), 1)
+
+    def test_coverage_tells_metres_and_map_units_apart(self):
+        other, elsewhere = self.folder / 'other_room', self.folder / 'other_room.cairn'
+        both, picture = self.folder / 'two_rooms.cairn', self.folder / 'two_rooms.svg'
+        must('synth', 'office', '--seed', 21, '--duration', 4, '--out', other)
+        must('run', other, '--map', elsewhere, '--deterministic')
+        aligned = self.folder / 'first_room.cairn'
+        shutil.copy(self.map, aligned)
+        must('align', aligned, '--groundtruth', self.office / 'groundtruth_cam0.txt')
+        must('merge', aligned, elsewhere, '--apart', '-o', both)
+        coverage = must('coverage', both, '--picture', picture)
+        world, own = coverage['grounds']
+        self.assertEqual([(ground['frame'], ground['unit']) for ground in coverage['grounds']],
+                         [('world', 'm'), ('map', 'map units')])
+        self.assertEqual(world['views'] + own['views'], coverage['views'])
+        alone = {'world': must('coverage', aligned), 'map': must('coverage', elsewhere)}
+        for ground in coverage['grounds']:
+            self.assertAlmostEqual(ground['cell_size'], alone[ground['frame']]['cell_size'], places=6)
+        text = ' '.join(self.text('coverage', both, '--picture', picture, '--overwrite').split())
+        self.assertRegex(text, r'cells of [\d.]+ m by their centres in the world')
+        self.assertRegex(text, r'cells of [\d.]+ map units by their centres in the frame of component')
+        self.assertRegex(text, r'component \d+, in a frame of its own, is not drawn')
+        self.assertIn('is not drawn', picture.read_text())
 
     def test_coverage_of_an_aligned_map_is_in_the_world(self):
         aligned, picture = self.folder / 'aligned.cairn', self.folder / 'aligned.svg'

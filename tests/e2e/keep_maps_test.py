@@ -77,6 +77,13 @@ class KeepMaps(unittest.TestCase):
         self.assertEqual(must('info', self.folder / 'served-whole.cairn', '--digest')['digest'], digest)
         self.assertEqual(self.ask('export', 'office', self.folder / 'served-points.ply').code, 1, 'it exists')
         self.assertEqual(self.ask('export', 'office', self.folder / 'points.xyz').code, 2)
+        # What the server does not make is made here, of the map as it has it.
+        served = self.must_ask('export', 'office', self.folder / 'served-model', '--format', 'colmap-text')
+        local = must('export', self.made, self.folder / 'local-model', '--format', 'colmap-text')
+        self.assertEqual({**served, 'map': '', 'out': ''}, {**local, 'map': '', 'out': ''})
+        for name in ('cameras.txt', 'images.txt', 'points3D.txt'):
+            self.assertEqual(*((self.folder / model / name).read_bytes() for model in ('served-model', 'local-model')))
+        self.assertEqual(self.must_ask('export', 'office', self.folder / 'served.json')['format'], 'json')
         again = self.folder / 'again.cairn'
         self.assertEqual(must('snapshot', self.made, again)['revision'], copy['revision'])
         self.assertEqual(cairn('snapshot', self.made, again).code, 1, 'it exists')
@@ -253,7 +260,7 @@ class KeepMaps(unittest.TestCase):
 
     def test_top(self):
         self.ask('info', 'kitchen')
-        self.must_ask('info', 'office')
+        self.assertEqual(self.server.get('/v1/maps/office')[0], 200)
         status = self.must_ask('top')
         self.assertEqual([m['name'] for m in status['maps']], ['office'])
         self.assertEqual(status['refused'], {'map_not_found': 1})

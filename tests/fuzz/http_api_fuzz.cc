@@ -76,6 +76,7 @@ class FakeMaps : public api::MapService {
     removal.session = session;
     return Of(map, removal);
   }
+  absl::StatusOr<map::MapOverview> Overview(const std::string& map) override { return Of(map, map::MapOverview()); }
   absl::StatusOr<api::MapLog> Log(const std::string& map, const map::ChangeQuery& /*query*/) override {
     return Of(map, api::MapLog{1, {{}}});
   }

@@ -7,8 +7,10 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "base/median.h"
+#include "cli/align_report.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
+#include "cli/geo_options.h"
 #include "cli/map_scene.h"
 #include "cli/map_to_read.h"
 #include "inspect/difference.h"
@@ -90,11 +92,12 @@ void PrintDifference(const DiffOptions& options, const Compared& compared) {
               static_cast<unsigned long long>(compared.first->revision()), text::Shown(options.second).c_str(),
               static_cast<unsigned long long>(compared.second->revision()));
   if (compared.first->info().id != compared.second->info().id) {
-    std::fputs(text::Wrapped("two maps, as their ids say (cairn info): made apart from recordings that begin alike, or "
-                             "one packed, split, merged or recovered from the other",
-                             "  ", "    ")
-                   .c_str(),
-               stdout);
+    std::fputs(
+        text::Wrapped("two maps, as their ids say (cairn info): one was made from the other, packed, split, merged "
+                      "or recovered, or both are of recordings that begin alike",
+                      "  ", "    ")
+            .c_str(),
+        stdout);
   }
   if (d.same()) {
     std::printf("  nothing differs\n");
@@ -105,6 +108,19 @@ void PrintDifference(const DiffOptions& options, const Compared& compared) {
   PrintIds("components added", d.components_added, options.limit);
   PrintIds("components gone or joined", d.components_gone, options.limit);
   PrintIds("components with another place in the world", d.realigned, options.limit);
+  PrintIds("cameras added", d.cameras_added, options.limit);
+  PrintIds("cameras removed", d.cameras_removed, options.limit);
+  PrintIds("cameras with another lens or name", d.cameras_changed, options.limit);
+  if (d.anchor_changed) {
+    const auto anchor = [](const map::Snapshot& map) {
+      return map.info().geo_anchor ? DescribeAnchor(*map.info().geo_anchor) : std::string("not known");
+    };
+    std::fputs(text::Wrapped(
+                   absl::StrCat("place on the earth: ", anchor(*compared.first), ", then ", anchor(*compared.second)),
+                   "  ", "    ")
+                   .c_str(),
+               stdout);
+  }
   PrintIds("keyframes added", d.keyframes_added, options.limit);
   PrintIds("keyframes removed", d.keyframes_removed, options.limit);
   std::printf("  points: %zu added, %zu removed, %lld kept\n  observations: %lld before, %lld after\n",
@@ -166,6 +182,12 @@ void PrintDifferenceJson(const DiffOptions& options, const Compared& compared) {
              {"components_added", IdsAsJson(d.components_added)},
              {"components_gone", IdsAsJson(d.components_gone)},
              {"components_realigned", IdsAsJson(d.realigned)},
+             {"cameras_added", IdsAsJson(d.cameras_added)},
+             {"cameras_removed", IdsAsJson(d.cameras_removed)},
+             {"cameras_changed", IdsAsJson(d.cameras_changed)},
+             {"geo_anchor_changed", d.anchor_changed},
+             {"first_geo_anchor", AnchorAsJson(compared.first->info().geo_anchor)},
+             {"second_geo_anchor", AnchorAsJson(compared.second->info().geo_anchor)},
              {"keyframes_added", IdsAsJson(d.keyframes_added)},
              {"keyframes_removed", IdsAsJson(d.keyframes_removed)},
              {"keyframes_kept", d.keyframes_kept},
@@ -274,6 +296,9 @@ absl::Status RunSince(const DiffOptions& options) {
     PrintJson({{"map", options.first},
                {"since", *options.since},
                {"revision", map->revision()},
+               {"info_put", rows->info},
+               {"geo_anchor", AnchorAsJson(map->info().geo_anchor)},
+               {"cameras_put", IdsAsJson(rows->cameras)},
                {"sessions_put", IdsAsJson(rows->sessions)},
                {"components_put", IdsAsJson(rows->components)},
                {"keyframes_put", IdsAsJson(keyframes_put)},
@@ -284,6 +309,15 @@ absl::Status RunSince(const DiffOptions& options) {
   }
   std::printf("%s: revision %llu to %llu\n", text::Shown(options.first).c_str(),
               static_cast<unsigned long long>(*options.since), static_cast<unsigned long long>(map->revision()));
+  if (rows->info) {
+    const auto& anchor = map->info().geo_anchor;
+    std::fputs(text::Wrapped(absl::StrCat("what is said of the map as a whole; place on the earth: ",
+                                          anchor ? DescribeAnchor(*anchor) : "not known"),
+                             "  ", "    ")
+                   .c_str(),
+               stdout);
+  }
+  PrintIds("cameras added or changed", rows->cameras, options.limit);
   PrintIds("sessions added or changed", rows->sessions, options.limit);
   PrintIds("components added or changed", rows->components, options.limit);
   PrintIds("keyframes added or changed", keyframes_put, options.limit);

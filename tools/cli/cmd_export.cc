@@ -49,7 +49,11 @@ absl::Status Write(const ExportOptions& options, api::ExportContent content) {
 struct Exported {
   std::optional<std::int64_t> keyframes, points;
   std::optional<bool> in_world;  // not known of a file of an older server
+  std::string without;           // "without 9 keyframes of 2 components in other frames"; empty: nothing
 };
+
+// As host/export.cc writes it at the head of a file.
+constexpr char kSeparator[] = ", ", kWithout[] = ", without ", kFrame[] = ", frame";
 
 absl::StatusOr<Exported> ReadBack(const std::string& path, api::ExportContent content) {
   Exported exported;
@@ -67,6 +71,10 @@ absl::StatusOr<Exported> ReadBack(const std::string& path, api::ExportContent co
     const bool comment = absl::StartsWith(line, "#") || absl::StartsWith(line, "comment ");
     if (comment && absl::EndsWith(line, ", frame world, metres")) exported.in_world = true;
     if (comment && absl::EndsWith(line, ", map units")) exported.in_world = false;
+    if (const std::size_t begin = line.rfind(kWithout); comment && begin != std::string::npos) {
+      const std::size_t from = begin + sizeof(kSeparator) - 1;
+      exported.without = line.substr(from, line.find(kFrame, from) - from);
+    }
     std::int64_t vertices = 0;
     absl::string_view count = line;
     if (absl::ConsumePrefix(&count, "element vertex ") && absl::SimpleAtoi(count, &vertices)) {
@@ -99,6 +107,7 @@ absl::Status Export(const ExportOptions& options, api::ExportContent content) {
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}, {"file", options.out}, {"bytes", error ? 0 : bytes}};
     if (exported.in_world) AddFrameAndUnit(*exported.in_world, &json);
+    if (!exported.without.empty()) json["left_out"] = exported.without;
     if (exported.keyframes) json["keyframes"] = *exported.keyframes;
     if (exported.points) json["points"] = *exported.points;
     PrintJson(json);
@@ -106,6 +115,7 @@ absl::Status Export(const ExportOptions& options, api::ExportContent content) {
     const std::string told = absl::StrFormat("%s: %s, %.1f MB", text::Shown(options.out), Describe(exported, content),
                                              error ? 0.0 : static_cast<double>(bytes) / 1e6);
     std::fputs(text::WrappedOn(stdout, told).c_str(), stdout);
+    if (!exported.without.empty()) std::printf("  %s\n", exported.without.c_str());
   }
   return absl::OkStatus();
 }
@@ -117,6 +127,7 @@ bool IsModel(const ModelExport& model) {
 
 int ExportFile(const ExportOptions& options, ModelExport model) {
   model.map = options.map;
+  model.server = options.server;
   model.out = options.out;
   model.overwrite = options.overwrite;
   model.json = options.json;
@@ -127,10 +138,6 @@ int ExportFile(const ExportOptions& options, ModelExport model) {
                      absl::StrCat("the ending of OUT is not known (.cairn, .txt, .tum, .ply, .csv, .g2o, .json): say "
                                   "--format ",
                                   absl::StrJoin(ModelFormats(), "|")),
-                     options.json);
-  }
-  if (is_model && !options.server.empty()) {
-    return FailUsage("export", "of a server: OUT ends with .cairn, .txt, .tum or .ply, without --format and --images",
                      options.json);
   }
   const absl::Status status = is_model ? ExportModel(model) : Export(options, *ContentOfFile(options.out));
@@ -167,7 +174,8 @@ void AddExportCommand(CLI::App& app, Action* action) {
       "Examples:\n"
       "  cairn export office.cairn office.ply\n"
       "  cairn export office.cairn model --format colmap --images office\n"
-      "  cairn --server localhost:7878 export office office.cairn");
+      "  cairn --server localhost:7878 export office office.cairn\n"
+      "  cairn --server localhost:7878 export office model --format colmap");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
     *action = [=] { return ExportFile(*options, *model); };

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
+#include <memory>
 
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
@@ -10,7 +10,6 @@
 #include "cli/align_report.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
-#include "cli/described_map.h"
 #include "cli/geo_options.h"
 #include "cli/input_options.h"
 #include "cli/loaded_map.h"
@@ -20,10 +19,9 @@
 #include "cli/server_option.h"
 #include "cli/session_report.h"
 #include "cli/unix_time.h"
-#include "health/map_vocabulary.h"
-#include "store/map_overview.h"
+#include "host/inspect.h"
+#include "map/overview.h"
 #include "store/map_store.h"
-#include "store/writer_lock.h"
 #include "text/text.h"
 
 namespace cairn::cli {
@@ -62,13 +60,13 @@ struct ToldSession {
   double duration_s = 0.0;  // of one that is not complete: as far as the map goes
 };
 
-std::vector<ToldSession> ToldSessions(const store::MapOverview& map) {
+std::vector<ToldSession> ToldSessions(const map::MapOverview& map) {
   std::vector<ToldSession> told;
   for (const map::Session& session : map.sessions) {
     ToldSession& next = told.emplace_back();
     next.session = &session;
     TimeNs last_ns = session.last_ns;
-    for (const store::KeyframeShare& share : map.shares) {
+    for (const map::KeyframeShare& share : map.shares) {
       if (share.session != session.id) continue;
       next.keyframes += share.keyframes;
       last_ns = std::max(last_ns, share.last_ns);
@@ -101,9 +99,9 @@ nlohmann::ordered_json SessionAsJson(const ToldSession& told, bool being_written
 // Null: there is nothing that it could be measured of.
 nlohmann::ordered_json Known(bool known, double value) { return known ? nlohmann::ordered_json(value) : nullptr; }
 
-nlohmann::ordered_json Describe(const store::MapOverview& map, bool being_written) {
-  const store::MapSummary& summary = map.summary;
-  const store::MapQuality& quality = map.quality;
+nlohmann::ordered_json Describe(const map::MapOverview& map) {
+  const map::StoredSummary& summary = map.summary;
+  const map::MapQuality& quality = map.quality;
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array(), sessions = cameras, sizes = cameras;
   for (const map::MapCamera& camera : map.cameras) {
     cameras.push_back({{"id", camera.id.value()},
@@ -111,35 +109,35 @@ nlohmann::ordered_json Describe(const store::MapOverview& map, bool being_writte
                        {"model", camera.model.Describe()},
                        {"lens", LensAsJson(camera)}});
   }
-  for (const ToldSession& told : ToldSessions(map)) sessions.push_back(SessionAsJson(told, being_written));
-  for (const store::MapPart& part : map.parts) {
+  for (const ToldSession& told : ToldSessions(map)) sessions.push_back(SessionAsJson(told, map.being_written));
+  for (const map::MapPart& part : map.parts) {
     sizes.push_back({{"part", part.name}, {"bytes", part.bytes}, {"percent", Percent(part.bytes, summary.file_bytes)}});
   }
-  return {
-      {"id", summary.info.id},
-      {"name", summary.info.name},
-      {"revision", summary.revision},
-      {"format_version", summary.format_version},
-      {"keyframes", summary.keyframes},
-      {"points", summary.points},
-      {"components", ComponentsAsJson(ToldComponents(map))},
-      {"fragments", FragmentsAsJson(FragmentsOf(FragmentCandidates(ToldComponents(map)), map.sessions, being_written))},
-      {"geo_anchor", AnchorAsJson(summary.info.geo_anchor)},
-      {"features_per_keyframe", Known(quality.keyframes > 0, quality.features)},
-      {"points_per_keyframe", Known(quality.keyframes > 0, quality.points)},
-      {"covisible_keyframes", Known(quality.keyframes > 0, quality.covisible)},
-      {"observations_per_point", Known(summary.points > 0, quality.observations_per_point)},
-      {"reprojection_rms_px", Known(quality.error_keyframes > 0, quality.error_rms_px)},
-      {"reprojection_median_px", Known(quality.error_keyframes > 0, quality.error_median_px)},
-      {"keyframes_looked_at", quality.keyframes},
-      {"keyframes_projected", quality.error_keyframes},
-      {"vocabulary_hash", absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16))},
-      {"bytes", summary.file_bytes},
-      {"sizes", sizes},
-      {"created", FormatUnixTime(summary.info.created_unix_ns)},
-      {"software_version", summary.info.software_version},
-      {"cameras", cameras},
-      {"sessions", sessions}};
+  return {{"id", summary.info.id},
+          {"name", summary.info.name},
+          {"revision", summary.revision},
+          {"format_version", summary.format_version},
+          {"writing", map.being_written},
+          {"keyframes", summary.keyframes},
+          {"points", summary.points},
+          {"components", ComponentsAsJson(ToldComponents(map))},
+          {"fragments", FragmentsAsJson(FragmentsOf(ToldComponents(map), map.sessions, map.being_written))},
+          {"geo_anchor", AnchorAsJson(summary.info.geo_anchor)},
+          {"features_per_keyframe", Known(quality.keyframes > 0, quality.features)},
+          {"points_per_keyframe", Known(quality.keyframes > 0, quality.points)},
+          {"covisible_keyframes", Known(quality.keyframes > 0, quality.covisible)},
+          {"observations_per_point", Known(summary.points > 0, quality.observations_per_point)},
+          {"reprojection_rms_px", Known(quality.error_keyframes > 0, quality.error_rms_px)},
+          {"reprojection_median_px", Known(quality.error_keyframes > 0, quality.error_median_px)},
+          {"keyframes_looked_at", quality.keyframes},
+          {"keyframes_projected", quality.error_keyframes},
+          {"vocabulary_hash", absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16))},
+          {"bytes", summary.file_bytes},
+          {"sizes", sizes},
+          {"created", FormatUnixTime(summary.info.created_unix_ns)},
+          {"software_version", summary.info.software_version},
+          {"cameras", cameras},
+          {"sessions", sessions}};
 }
 
 std::string Megabytes(std::int64_t bytes) {
@@ -147,13 +145,13 @@ std::string Megabytes(std::int64_t bytes) {
   return mb >= 1000.0 ? absl::StrFormat("%.2f GB", mb / 1000.0) : absl::StrFormat("%.1f MB", mb);
 }
 
-void PrintSizes(const store::MapOverview& map) {
+void PrintSizes(const map::MapOverview& map) {
   const std::int64_t all = map.summary.file_bytes;
   std::printf(
       "  %s%s\n", Megabytes(all).c_str(),
       map.quality.all ? ":" : absl::StrFormat(", shares estimated from %d keyframes:", map.quality.keyframes).c_str());
   std::string shares;
-  for (const store::MapPart& part : map.parts) {
+  for (const map::MapPart& part : map.parts) {
     if (Percent(part.bytes, all) < 0.1) continue;
     absl::StrAppendFormat(&shares, "%s%s\u00a0%.1f\u00a0%%", shares.empty() ? "" : ", ", part.name,
                           Percent(part.bytes, all));
@@ -162,7 +160,7 @@ void PrintSizes(const store::MapOverview& map) {
   std::printf("%s", absl::StrReplaceAll(shares, {{"\u00a0", " "}}).c_str());
 }
 
-void PrintCameras(const store::MapOverview& map) {
+void PrintCameras(const map::MapOverview& map) {
   for (std::size_t i = 0; i < std::min(map.cameras.size(), kListed); ++i) {
     const map::MapCamera& camera = map.cameras[i];
     const auto lens = LensAsJson(camera);
@@ -183,7 +181,7 @@ void PrintCameras(const store::MapOverview& map) {
 }
 
 // The newest ones.
-void PrintSessions(const store::MapOverview& map, bool being_written) {
+void PrintSessions(const map::MapOverview& map) {
   const std::vector<ToldSession> sessions = ToldSessions(map);
   const std::size_t left_out = sessions.size() - std::min(sessions.size(), kListed);
   if (left_out > 0) std::printf("  ... %zu earlier sessions (ls MAP sessions)\n", left_out);
@@ -194,9 +192,9 @@ void PrintSessions(const store::MapOverview& map, bool being_written) {
                            : session->result == map::SessionResult::kLocated ? ", in an earlier component"
                            : session->result == map::SessionResult::kApart   ? ", joined to no earlier component"
                                                                              : "";
-    const char* state = session->complete ? ""
-                        : being_written   ? " (running, or cut off)"
-                                          : " (cut off: its process has ended)";
+    const char* state = session->complete   ? ""
+                        : map.being_written ? " (running, or cut off)"
+                                            : " (cut off: its process has ended)";
     std::printf("%s", Wrapped(absl::StrFormat("session %u: %s, camera %u, %.1f s, %d keyframes%s, by cairn %s%s%s",
                                               session->id.value(), Shown(session->source), session->camera.value(),
                                               duration_s, keyframes, came_out, Shown(session->software_version),
@@ -207,22 +205,26 @@ void PrintSessions(const store::MapOverview& map, bool being_written) {
   }
 }
 
-void PrintQuality(const store::MapSummary& summary, const store::MapQuality& quality) {
+void PrintQuality(const map::StoredSummary& summary, const map::MapQuality& quality) {
   std::printf("  %lld keyframes with %.0f features (%.0f with a point), %.1f covisible each\n",
               static_cast<long long>(summary.keyframes), quality.features, quality.points, quality.covisible);
   const std::string error =
       quality.error_keyframes == 0
           ? "not known"
-          : absl::StrFormat("%.2f px RMS, %.2f px median", quality.error_rms_px, quality.error_median_px);
-  std::printf("  %lld points, seen %.1f times each; error %s\n", static_cast<long long>(summary.points),
-              quality.observations_per_point, error.c_str());
+          : absl::StrFormat("%.2f px RMS, %.2f px median%s", quality.error_rms_px, quality.error_median_px,
+                            quality.error_keyframes < summary.keyframes
+                                ? absl::StrCat(" (in ", quality.error_keyframes, " of the keyframes)")
+                                : "");
+  const std::string seen = absl::StrFormat("%d points, seen %.1f times each; error %s", summary.points,
+                                           quality.observations_per_point, error);
+  std::fputs(Wrapped(seen, "  ", "    ").c_str(), stdout);
 }
 
-void Print(const store::MapOverview& map, const std::string& path, bool being_written) {
-  const store::MapSummary& summary = map.summary;
-  const store::MapQuality& quality = map.quality;
-  std::printf("%s: map \"%s\", revision %llu\n", Shown(path).c_str(), Shown(summary.info.name).c_str(),
-              static_cast<unsigned long long>(summary.revision));
+void Print(const map::MapOverview& map, const std::string& name) {
+  const map::StoredSummary& summary = map.summary;
+  const map::MapQuality& quality = map.quality;
+  std::printf("%s: map \"%s\", revision %llu%s\n", Shown(name).c_str(), Shown(summary.info.name).c_str(),
+              static_cast<unsigned long long>(summary.revision), map.being_written ? ", being extended" : "");
   if (summary.keyframes == 0) {
     std::printf("  no keyframes (cairn run --extend maps into it)\n");
   } else {
@@ -230,7 +232,7 @@ void Print(const store::MapOverview& map, const std::string& path, bool being_wr
   }
   const std::vector<ToldComponent> components = ToldComponents(map);
   PrintComponents(components, "  ", kListed);
-  PrintFragments(FragmentsOf(FragmentCandidates(components), map.sessions, being_written), Shown(path), "  ");
+  PrintFragments(FragmentsOf(components, map.sessions, map.being_written), Shown(name), "  ");
   if (const auto& anchor = map.summary.info.geo_anchor) {
     std::printf("%s", Wrapped(absl::StrCat("on the earth at ", DescribeAnchor(*anchor)), "  ", "    ").c_str());
   }
@@ -238,7 +240,7 @@ void Print(const store::MapOverview& map, const std::string& path, bool being_wr
   std::printf("  vocabulary %s, id %s\n",
               absl::StrCat(absl::Hex(summary.info.vocabulary_hash, absl::kZeroPad16)).c_str(), summary.info.id.c_str());
   PrintCameras(map);
-  PrintSessions(map, being_written);
+  PrintSessions(map);
 }
 
 // What takes the whole map to be told.
@@ -285,43 +287,18 @@ void PrintWhole(const InfoOptions& options, const InfoOfWhole& whole) {
 
 bool NeedsAll(const InfoOptions& options) { return options.digest || options.plan || !options.picture.empty(); }
 
-absl::Status Info(const InfoOptions& options) {
-  CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {options.map}));
-  CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
-  CAIRN_ASSIGN_OR_RETURN(const store::MapOverview map, store::ReadMapOverview(options.map));
-  TellNotes("info", map.notes);
-  std::error_code error;
-  const bool being_written = store::WriterLock::IsHeld(std::filesystem::weakly_canonical(options.map, error).string());
-  std::unique_ptr<store::MapStore> file;
-  const bool lacks_vocabulary = map.summary.info.vocabulary_hash != 0 && !map.has_vocabulary;
-  if (lacks_vocabulary || NeedsAll(options)) {
-    CAIRN_ASSIGN_OR_RETURN(file, store::OpenMapStore(options.map, store::OpenMode::kRead));
-  }
-  if (lacks_vocabulary) {
-    CAIRN_ASSIGN_OR_RETURN(const health::MapVocabulary vocabulary, health::LoadVocabulary(*file));
-    if (!vocabulary.note.empty()) TellNotes("info", {vocabulary.note});
-  }
-  InfoOfWhole whole;
-  if (NeedsAll(options)) {
-    CAIRN_ASSIGN_OR_RETURN(whole, LookAtAll(options, *file));
-  }
-  if (options.json) {
-    nlohmann::ordered_json info = Describe(map, being_written);
-    AddWhole(options, whole, &info);
-    PrintJson(info);
-  } else {
-    Print(map, options.map, being_written);
-    PrintWhole(options, whole);
-  }
-  return absl::OkStatus();
+absl::StatusOr<map::MapOverview> ReadOverview(const InfoOptions& options) {
+  if (options.server.empty()) return host::ReadOverview(options.map);
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
+  return service->Overview(options.map);
 }
 
-absl::Status InfoOfServed(const InfoOptions& options) {
+absl::Status Info(const InfoOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {InputFile(options.server, options.map)}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
-  CAIRN_ASSIGN_OR_RETURN(const api::MapDescription map, service->Describe(options.map));
+  CAIRN_ASSIGN_OR_RETURN(const map::MapOverview map, ReadOverview(options));
+  TellNotes("info", map.notes);
   InfoOfWhole whole;
   if (NeedsAll(options)) {
     CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
@@ -330,11 +307,11 @@ absl::Status InfoOfServed(const InfoOptions& options) {
     CAIRN_ASSIGN_OR_RETURN(whole, LookAtAll(options, *file));
   }
   if (options.json) {
-    nlohmann::ordered_json info = DescribedMapAsJson(map);
+    nlohmann::ordered_json info = Describe(map);
     AddWhole(options, whole, &info);
     PrintJson(info);
   } else {
-    PrintDescribedMap(map);
+    Print(map, options.map);
     PrintWhole(options, whole);
   }
   return absl::OkStatus();
@@ -362,8 +339,7 @@ void AddInfoCommand(CLI::App& app, Action* action) {
   verb->callback([=, &app] {
     options->server = ServerOf(app);
     *action = [=] {
-      const bool served = !options->server.empty();
-      const absl::Status status = served ? InfoOfServed(*options) : Info(*options);
+      const absl::Status status = Info(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("info", status, options->json);
     };
   });

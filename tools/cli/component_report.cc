@@ -31,10 +31,10 @@ std::string Join(const std::set<SessionId>& ids) {
 
 }  // namespace
 
-std::vector<ToldComponent> ToldComponents(const store::MapOverview& map) {
+std::vector<ToldComponent> ToldComponents(const map::MapOverview& map) {
   std::vector<ToldComponent> told;
   for (const map::Component& component : map.components) told.push_back({component, 0, {}});
-  for (const store::KeyframeShare& share : map.shares) {
+  for (const map::KeyframeShare& share : map.shares) {
     const auto at =
         std::ranges::find(told, share.component, [](const ToldComponent& other) { return other.component.id; });
     if (at == told.end()) continue;
@@ -110,39 +110,29 @@ void PrintComponents(const std::vector<ToldComponent>& components, const char* i
   if (joined.size() > most) std::printf("%s  ... %zu more joined\n", indent, joined.size() - most);
 }
 
-std::vector<FragmentCandidate> FragmentCandidates(const std::vector<ToldComponent>& components) {
-  std::vector<FragmentCandidate> candidates;
-  for (const auto& [component, keyframes, sessions] : components) {
-    const ComponentId into = component.joined ? component.joined->into : ComponentId();
-    candidates.push_back(
-        {component.id, component.session, keyframes, into, component.world_from_component.has_value()});
-  }
-  return candidates;
-}
-
-std::vector<Fragment> FragmentsOf(const std::vector<FragmentCandidate>& components,
+std::vector<Fragment> FragmentsOf(const std::vector<ToldComponent>& components,
                                   const std::vector<map::Session>& sessions, bool may_run) {
   std::int64_t most = 0;
   std::set<ComponentId> joined;  // into which others were
   std::map<SessionId, int> begun;
-  for (const FragmentCandidate& component : components) {
-    most = std::max(most, component.keyframes);
-    joined.insert(component.joined_into);
-    ++begun[component.begun_by];
+  for (const auto& [component, keyframes, by] : components) {
+    most = std::max(most, keyframes);
+    if (component.joined) joined.insert(component.joined->into);
+    ++begun[component.session];
   }
   std::map<ComponentId, int> touched;  // by sessions that have ended in order
   for (const map::Session& session : sessions) {
     for (const ComponentId id : session.components) ++touched[id];
   }
   std::vector<Fragment> fragments;
-  for (const FragmentCandidate& component : components) {
-    const bool few = component.keyframes > 0 && component.keyframes < kFew && component.keyframes < most;
-    const bool alone = !component.joined_into && !joined.contains(component.id) && !component.aligned &&
-                       begun[component.begun_by] == 1 && touched[component.id] <= 1;
-    const auto session = std::ranges::find(sessions, component.begun_by, &map::Session::id);
+  for (const auto& [component, keyframes, by] : components) {
+    const bool few = keyframes > 0 && keyframes < kFew && keyframes < most;
+    const bool alone = !component.joined && !joined.contains(component.id) && !component.world_from_component &&
+                       begun[component.session] == 1 && touched[component.id] <= 1;
+    const auto session = std::ranges::find(sessions, component.session, &map::Session::id);
     if (!few || !alone || session == sessions.end() || (!session->complete && may_run)) continue;
     if (session->components.size() > 1) continue;
-    fragments.push_back({component.id, component.begun_by, component.keyframes});
+    fragments.push_back({component.id, component.session, keyframes});
   }
   return fragments;
 }

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "cli/cli.h"
+#include "map/overview.h"
 #include "map/snapshot.h"
-#include "store/map_overview.h"
 
 namespace cairn::cli {
 
@@ -17,7 +17,7 @@ struct ToldComponent {
   std::set<SessionId> sessions;  // that have keyframes there
 };
 // All of them, also those that were joined to others.
-std::vector<ToldComponent> ToldComponents(const store::MapOverview& map);
+std::vector<ToldComponent> ToldComponents(const map::MapOverview& map);
 std::vector<ToldComponent> ToldComponents(const map::Snapshot& map);
 
 // Id, keyframes, sessions that have keyframes there, whether it is aligned, what it was joined to, when and by which
@@ -32,19 +32,10 @@ struct Fragment {
   SessionId session;
   std::int64_t keyframes = 0;
 };
-// A component as far as that takes.
-struct FragmentCandidate {
-  ComponentId id;
-  SessionId begun_by;
-  std::int64_t keyframes = 0;
-  ComponentId joined_into;
-  bool aligned = false;
-};
 // Beside a component that is larger, of sessions that have nothing else in the map. `may_run`: those that are not
 // complete may be running.
-std::vector<Fragment> FragmentsOf(const std::vector<FragmentCandidate>& components,
+std::vector<Fragment> FragmentsOf(const std::vector<ToldComponent>& components,
                                   const std::vector<map::Session>& sessions, bool may_run);
-std::vector<FragmentCandidate> FragmentCandidates(const std::vector<ToldComponent>& components);
 nlohmann::ordered_json FragmentsAsJson(const std::vector<Fragment>& fragments);
 // What they are and how they are removed; nothing without any. `map`: as a command line names it.
 void PrintFragments(const std::vector<Fragment>& fragments, const std::string& map, const char* indent);

@@ -7,8 +7,5 @@
 namespace cairn::cli {
 
 nlohmann::ordered_json SummaryAsJson(const api::MapSummary& map);
-nlohmann::ordered_json DescribedMapAsJson(const api::MapDescription& map);
-
-void PrintDescribedMap(const api::MapDescription& map);
 
 }  // namespace cairn::cli

@@ -12,6 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "base/files.h"
 #include "cli/cli.h"
+#include "cli/map_to_read.h"
 #include "exchange/colmap.h"
 #include "exchange/formats.h"
 #include "exchange/model_images.h"
@@ -105,6 +106,38 @@ absl::StatusOr<std::size_t> AddImages(const ModelExport& options, const map::Sna
   return images.num_written();
 }
 
+void TellJson(const ModelExport& options, const map::Snapshot& map, const Reconstruction& model, std::size_t images) {
+  const exchange::ModelErrors errors = exchange::MeasureErrors(model);
+  nlohmann::ordered_json json = {
+      {"map", options.map}, {"revision", map.revision()}, {"format", options.format}, {"out", options.out}};
+  AddFrameAndUnit(model.metric, &json);
+  json.update({{"cameras", model.cameras.size()},
+               {"keyframes", model.images.size()},
+               {"points", model.points.size()},
+               {"components_left_out", model.components_left_out},
+               {"keyframes_left_out", model.keyframes_left_out},
+               {"observations", errors.observations},
+               {"images_written", images},
+               {"error_rms_px", errors.rms_px},
+               {"error_mean_px", errors.mean_px},
+               {"error_mean_of_points_px", errors.mean_of_points_px}});
+  PrintJson(json);
+}
+
+void Tell(const ModelExport& options, const Reconstruction& model, std::size_t images) {
+  const exchange::ModelErrors errors = exchange::MeasureErrors(model);
+  text::Say(absl::StrFormat("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out), options.format,
+                            model.images.size(), model.points.size(),
+                            model.metric ? "the world, metres" : "map units"));
+  if (model.components_left_out > 0) {
+    text::Say(absl::StrFormat("  left out: %d keyframes of %d components in other frames (--component ID)\n",
+                              model.keyframes_left_out, model.components_left_out));
+  }
+  if (!options.images.empty()) text::Say(absl::StrFormat("  %zu images of keyframes\n", images));
+  text::Say(absl::StrFormat("  reprojection error %.3f px RMS; mean %.3f px over the points, as COLMAP has it\n",
+                            errors.rms_px, errors.mean_of_points_px));
+}
+
 }  // namespace
 
 std::vector<std::string> ModelFormats() {
@@ -123,9 +156,10 @@ std::string FormatOfName(const std::string& path) {
 
 absl::Status ExportModel(const ModelExport& options) {
   if (!MakesFolder(options.format)) CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
-  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out}, {options.map, options.camera}));
+  CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out}, {InputFile(options.server, options.map), options.camera}));
+  CAIRN_ASSIGN_OR_RETURN(const MapToRead served, MapToRead::Open(options.server, options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
-                         store::OpenMapStore(options.map, store::OpenMode::kRead));
+                         store::OpenMapStore(served.path(), store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, file->LoadSnapshot());
   auto made = exchange::FromMap(*map, ComponentId(options.component));
   if (!made.ok()) return Annotate(made.status(), options.map);
@@ -138,26 +172,10 @@ absl::Status ExportModel(const ModelExport& options) {
   }
   CAIRN_RETURN_IF_ERROR(Writers().at(options.format)({*map, model, options}));
   if (folder) folder->Keep();
-  const exchange::ModelErrors errors = exchange::MeasureErrors(model);
   if (options.json) {
-    nlohmann::ordered_json json = {
-        {"map", options.map}, {"revision", map->revision()}, {"format", options.format}, {"out", options.out}};
-    AddFrameAndUnit(model.metric, &json);
-    json.update({{"cameras", model.cameras.size()},
-                 {"keyframes", model.images.size()},
-                 {"points", model.points.size()},
-                 {"observations", errors.observations},
-                 {"images_written", images},
-                 {"error_rms_px", errors.rms_px},
-                 {"error_mean_px", errors.mean_px},
-                 {"error_mean_of_points_px", errors.mean_of_points_px}});
-    PrintJson(json);
+    TellJson(options, *map, model, images);
   } else {
-    text::Say(absl::StrFormat("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out),
-                              options.format, model.images.size(), model.points.size(),
-                              model.metric ? "the world, metres" : "map units"));
-    if (!options.images.empty()) text::Say(absl::StrFormat("  %zu images of keyframes\n", images));
-    text::Say(absl::StrFormat("  reprojection error %.3f px on average, %.3f px RMS\n", errors.mean_px, errors.rms_px));
+    Tell(options, model, images);
   }
   return absl::OkStatus();
 }

@@ -6,12 +6,14 @@
 
 #include "base/status.h"
 #include "cli/input_options.h"
+#include "cli/server_option.h"
 #include "map/snapshot.h"
 
 namespace cairn::cli {
 
 struct ModelExport {
-  std::string map;
+  std::string map;  // a file, or with a server the name of a map there
+  ServerChoice server;
   std::string out;     // a file, or a folder for those of several files
   std::string format;  // of ModelFormats()
   std::uint32_t component = 0;
