@@ -130,8 +130,9 @@ void Tell(const ModelExport& options, const Reconstruction& model, std::size_t i
                             model.images.size(), model.points.size(),
                             model.metric ? "the world, metres" : "map units"));
   if (model.components_left_out > 0) {
-    text::Say(absl::StrFormat("  left out: %d keyframes of %d components in other frames (--component ID)\n",
-                              model.keyframes_left_out, model.components_left_out));
+    text::Say(absl::StrFormat(
+        "  without %d keyframes of %d %s (--component ID)\n", model.keyframes_left_out, model.components_left_out,
+        model.components_left_out == 1 ? "component in another frame" : "components in other frames"));
   }
   if (!options.images.empty()) text::Say(absl::StrFormat("  %zu images of keyframes\n", images));
   text::Say(absl::StrFormat("  reprojection error %.3f px RMS; mean %.3f px over the points, as COLMAP has it\n",
