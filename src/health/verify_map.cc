@@ -8,12 +8,16 @@
 namespace cairn::health {
 namespace {
 
+// Features, most of a map, go by keyframe for keyframe.
+constexpr std::size_t kFeatureBytes = 16 << 20;
+
 // The words that a keyframe has are those that its descriptors fall into; all of one map were looked up alike.
 void CheckWords(const map::Snapshot& map, const place::Vocabulary& vocabulary, VerifyReport* report) {
   map.keyframes().ForEach([&](const auto& keyframe) {
-    const std::vector<std::uint32_t>& words = keyframe->features->words;
+    const auto features = keyframe->features.Get();
+    const std::vector<std::uint32_t>& words = features->words;
     if (words.empty()) return;
-    const std::vector<place::WordId> expected = vocabulary.LookupAll(keyframe->descriptors());
+    const std::vector<place::WordId> expected = vocabulary.LookupAll(features->features.descriptors);
     std::size_t wrong = 0;
     for (std::size_t i = 0; i < words.size(); ++i) wrong += words[i] != expected[i] ? 1 : 0;
     report->checked_words += static_cast<std::int64_t>(words.size());
@@ -25,7 +29,9 @@ void CheckWords(const map::Snapshot& map, const place::Vocabulary& vocabulary, V
 }
 
 absl::Status VerifyDeeply(store::MapStore& store, VerifyReport* report) {
-  CAIRN_ASSIGN_OR_RETURN(const auto map, store.LoadSnapshot());
+  store::LoadOptions load;
+  load.feature_budget_bytes = kFeatureBytes;
+  CAIRN_ASSIGN_OR_RETURN(const auto map, store.LoadSnapshot(load));
   CAIRN_RETURN_IF_ERROR(map::FindImplausible(*map, {}, [&](map::Implausibility&& what) {
     report->findings.push_back({std::move(what.kind), what.id, std::move(what.message)});
   }));
@@ -36,7 +42,7 @@ absl::Status VerifyDeeply(store::MapStore& store, VerifyReport* report) {
     return absl::OkStatus();
   }
   CheckWords(*map, *vocabulary.words, report);
-  return absl::OkStatus();
+  return map->feature_cache() == nullptr ? absl::OkStatus() : map->feature_cache()->status();
 }
 
 }  // namespace

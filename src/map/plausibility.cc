@@ -21,6 +21,7 @@ struct WrongCounts {
 
 WrongCounts CountWrong(const Snapshot& map, const Keyframe& keyframe, double max_error_rad) {
   const Pinhole& camera = map.pinhole(keyframe.camera);
+  const auto features = keyframe.features.Get();
   WrongCounts counts;
   for (std::size_t i = 0; i < keyframe.points.size(); ++i) {
     if (!keyframe.points[i]) continue;
@@ -30,7 +31,7 @@ WrongCounts CountWrong(const Snapshot& map, const Keyframe& keyframe, double max
       ++counts.behind;
       continue;
     }
-    const image::Keypoint& keypoint = keyframe.keypoints()[i];
+    const image::Keypoint& keypoint = features->features.keypoints[i];
     const Vector3d seen = camera.Unproject({keypoint.x_px, keypoint.y_px});
     const double error_rad = std::atan2(seen.cross(point_c).norm(), seen.dot(point_c));
     counts.off += error_rad > max_error_rad ? 1 : 0;

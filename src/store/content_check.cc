@@ -50,14 +50,14 @@ class ContentCheck {
     CAIRN_RETURN_IF_ERROR(CheckRows());
     CAIRN_RETURN_IF_ERROR(reader_.CheckVocabulary());
     CAIRN_RETURN_IF_ERROR(reader_.CheckChanges());
-    if (num_findings_ > 0) return absl::OkStatus();
+    if (num_findings_ > 0) return ReadPoints();
     const absl::Status linked = CheckLinks();
-    if (num_findings_ > 0) return absl::OkStatus();
+    if (num_findings_ > 0) return ReadPoints();
     CAIRN_RETURN_IF_ERROR(linked);
-    for (std::uint32_t range = 0; range * std::uint64_t{ids_per_range_} < map_row_.next_point.value(); ++range) {
-      CAIRN_RETURN_IF_ERROR(CheckPoints(range));
-    }
+    CAIRN_ASSIGN_OR_RETURN(const bool sound, CheckAllPoints());
+    if (!sound) CAIRN_RETURN_IF_ERROR(ReadPoints());
     if (num_findings_ > 0) return absl::OkStatus();
+    if (!sound) return Report(kPointsTable.name, 0, "what is read of it differs from one time to the next");
     return CheckReady();
   }
 
@@ -99,19 +99,15 @@ class ContentCheck {
     CAIRN_RETURN_IF_ERROR(ReadKeyframes());
     CAIRN_RETURN_IF_ERROR(ReadFeatures());
     CAIRN_RETURN_IF_ERROR(ReadPointIds());
-    CAIRN_RETURN_IF_ERROR(ReadPoints());
     CAIRN_RETURN_IF_ERROR(ReadEdges());
-    const std::pair<absl::string_view, std::pair<std::int64_t, std::int64_t>> counts[] = {
-        {"keyframes", {map_row_.keyframe_count, static_cast<std::int64_t>(keyframes_.size())}},
-        {"points", {map_row_.point_count, num_points_}},
-        {"covisibility", {map_row_.covisibility_count, num_edges_}},
-    };
-    for (const auto& [table, count] : counts) {
-      if (count.first == count.second) continue;
-      CAIRN_RETURN_IF_ERROR(
-          Report(table, 0, absl::StrCat("there are ", count.second, " good rows instead of ", count.first)));
-    }
-    return absl::OkStatus();
+    CAIRN_RETURN_IF_ERROR(
+        CheckCount("keyframes", static_cast<std::int64_t>(keyframes_.size()), map_row_.keyframe_count));
+    return CheckCount("covisibility", num_edges_, map_row_.covisibility_count);
+  }
+
+  absl::Status CheckCount(absl::string_view table, std::int64_t good, std::int64_t expected) {
+    if (good == expected) return absl::OkStatus();
+    return Report(table, 0, absl::StrCat("there are ", good, " good rows instead of ", expected));
   }
 
   absl::Status ReadKeyframes() {
@@ -138,12 +134,14 @@ class ContentCheck {
       const auto camera = std::ranges::find(cameras_, known->head.camera, &map::MapCamera::id);
       const bool found = camera != cameras_.end();
       if (!found) CAIRN_RETURN_IF_ERROR(Report("keyframes", id, "its camera is missing"));
-      const auto features =
-          FeaturesFromRow(row, found ? &camera->pinhole : nullptr, map_row_.info.orb.num_levels, num_words);
-      if (!features.ok()) return Report(table, id, features.status().message());
+      const auto blobs = FeatureBlobsFromRow(row, found ? &camera->pinhole : nullptr, map_row_.info.orb.num_levels);
+      if (!blobs.ok()) return Report(table, id, blobs.status().message());
+      const std::vector<std::uint32_t> words = blobs->Words();
+      const absl::string_view wrong = num_words ? WrongWords(words, *num_words) : "";
+      if (!wrong.empty()) return Report(table, id, wrong);
       known->has_features = true;
-      known->head.num_features = static_cast<std::uint32_t>(features->features.size());
-      ready_.TakeWords(known->head.id, features->words);
+      known->head.num_features = static_cast<std::uint32_t>(blobs->size());
+      ready_.TakeWords(known->head.id, words);
       return absl::OkStatus();
     });
     CAIRN_RETURN_IF_ERROR(read);
@@ -179,16 +177,19 @@ class ContentCheck {
     return good == keyframes_.size() ? absl::OkStatus() : Report(table, 0, "not every keyframe has a good row");
   }
 
+  // Each by itself: only if there is something to be told of, as CheckAllPoints() goes through them as well.
   absl::Status ReadPoints() {
-    return ForEach<PointRow>(kPointsTable, [&](PointRow&& row) -> absl::Status {
-      ++num_points_;
+    std::int64_t good = 0;
+    CAIRN_RETURN_IF_ERROR(ForEach<PointRow>(kPointsTable, [&](PointRow&& row) -> absl::Status {
+      ++good;
       const std::int64_t id = row.id.value();
       if (row.id >= map_row_.next_point) return Report("points", id, "an id that was never given");
       if (!row.position.allFinite()) return Report("points", id, "the position is not finite");
       // That it does is found when all of its observations are together.
       return observed_[row.id.value()] ? absl::OkStatus()
                                        : Report("points", id, "the reference keyframe does not observe the point");
-    });
+    }));
+    return CheckCount("points", good, map_row_.point_count);
   }
 
   absl::Status ReadEdges() {
@@ -246,11 +247,26 @@ class ContentCheck {
     return absl::OkStatus();
   }
 
-  // The points of a range of ids, with all that observe them.
-  absl::Status CheckPoints(std::uint32_t range) {
-    const std::uint32_t first = range * ids_per_range_;
+  // With all that observe them. False, and the rest is left, as soon as one is not good by itself.
+  absl::StatusOr<bool> CheckAllPoints() {
+    const auto outside = database_->QueryInt(
+        absl::StrCat("SELECT EXISTS (SELECT 1 FROM points WHERE id < 0 OR id >= ", map_row_.next_point.value(), ")"));
+    if (IsDamaged(outside.status()) || (outside.ok() && *outside != 0)) return false;
+    CAIRN_RETURN_IF_ERROR(outside.status());
+    std::int64_t points = 0;
+    for (std::uint32_t range = 0; range * std::uint64_t{ids_per_range_} < map_row_.next_point.value(); ++range) {
+      const std::uint32_t first = range * ids_per_range_;
+      CAIRN_ASSIGN_OR_RETURN(const bool good, ReadRange(first, std::uint64_t{first} + ids_per_range_));
+      if (!good) return false;
+      points += static_cast<std::int64_t>(num_in_range_);
+      CAIRN_RETURN_IF_ERROR(CheckPoints(range, first));
+    }
+    return points == map_row_.point_count;
+  }
+
+  // Those of the range of ids that was read.
+  absl::Status CheckPoints(std::uint32_t range, std::uint32_t first) {
     const std::uint64_t end = std::uint64_t{first} + ids_per_range_;
-    CAIRN_RETURN_IF_ERROR(ReadRange(first, end));
     for (const KnownKeyframe& known : keyframes_) {
       if (known.ranges.test(range)) CAIRN_RETURN_IF_ERROR(TakeObservations(known, first, end));
     }
@@ -267,7 +283,7 @@ class ContentCheck {
     return num_findings_ > 0 ? absl::OkStatus() : CheckReadyPoints();
   }
 
-  absl::Status ReadRange(std::uint32_t first, std::uint64_t end) {
+  absl::StatusOr<bool> ReadRange(std::uint32_t first, std::uint64_t end) {
     place_.assign(ids_per_range_, 0);
     component_.resize(ids_per_range_);
     num_in_range_ = 0;
@@ -277,10 +293,12 @@ class ContentCheck {
     rows.Bind(2, static_cast<std::int64_t>(end));
     Row row;
     while (true) {
-      CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
-      if (!found) return absl::OkStatus();
+      const absl::StatusOr<bool> found = rows.Step();
+      if (IsDamaged(found.status())) return false;
+      CAIRN_RETURN_IF_ERROR(found.status());
+      if (!*found) return true;
       PointRow value;
-      CAIRN_RETURN_IF_ERROR(ReadChecked(rows, &row, &value));
+      if (!ReadChecked(rows, &row, &value).ok() || !value.position.allFinite()) return false;
       if (num_in_range_ == in_range_.size()) in_range_.emplace_back();
       map::MapPoint& point = in_range_[num_in_range_++];
       SetFromRow(value, &point);
@@ -418,7 +436,7 @@ class ContentCheck {
   std::vector<map::MapCamera> cameras_;
   std::vector<KnownKeyframe> keyframes_;  // ascending
   std::vector<bool> observed_;            // by id: points that keyframes observe
-  std::int64_t num_points_ = 0, num_edges_ = 0;
+  std::int64_t num_edges_ = 0;
   std::uint32_t ids_per_range_ = 0;
   std::vector<map::MapPoint> in_range_;  // kept, for their room
   std::size_t num_in_range_ = 0;         // of these

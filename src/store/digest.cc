@@ -1,7 +1,9 @@
 #include "store/digest.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
+#include <cstring>
 #include <optional>
 #include <type_traits>
 #include <utility>
@@ -25,13 +27,25 @@ class DigestHasher {
 
   template <class Number>
   requires std::is_arithmetic_v<Number>
-  void Add(Number value) { XXH3_128bits_update(&state_, &value, sizeof(value)); }
+  void Add(Number value) {
+    if (filled_ + sizeof(value) > buffer_.size()) Flush();
+    std::memcpy(buffer_.data() + filled_, &value, sizeof(value));
+    filled_ += sizeof(value);
+  }
+  // Of numbers that lie together, one after another.
+  template <class T>
+  requires std::is_trivially_copyable_v<T>
+  void AddAll(const std::vector<T>& values) {
+    Flush();
+    XXH3_128bits_update(&state_, values.data(), values.size() * sizeof(T));
+  }
   template <class Tag>
   void Add(Id<Tag> id) {
     Add(id.value());
   }
   void Add(absl::string_view text) {
     Add(static_cast<std::uint64_t>(text.size()));
+    Flush();
     XXH3_128bits_update(&state_, text.data(), text.size());
   }
   void Add(const Quaterniond& q) {
@@ -52,13 +66,22 @@ class DigestHasher {
   void AddCount(std::size_t count) { Add(static_cast<std::uint64_t>(count)); }
 
   std::string Digest() {
+    Flush();
     const XXH128_hash_t hash = XXH3_128bits_digest(&state_);
     return absl::StrFormat("%016x%016x", hash.high64, hash.low64);
   }
 
  private:
+  void Flush() {
+    XXH3_128bits_update(&state_, buffer_.data(), filled_);
+    filled_ = 0;
+  }
+
   // XXH3 keeps its state in aligned memory.
   alignas(64) XXH3_state_t state_;
+  // The hash is of one row of bytes, however it is cut; taking them number by number would be most of the work.
+  std::array<char, 4096> buffer_;
+  std::size_t filled_ = 0;
 };
 
 namespace {
@@ -106,11 +129,10 @@ void AddFeatures(const map::KeyframeFeatures& features, DigestHasher* hasher) {
     for (const float value : {keypoint.x_px, keypoint.y_px, keypoint.angle_rad}) hasher->Add(value);
     hasher->Add(keypoint.octave);
   }
-  for (const image::Descriptor& descriptor : features.features.descriptors) {
-    for (const std::uint64_t word : descriptor) hasher->Add(word);
-  }
+  static_assert(sizeof(image::Descriptor) == 4 * sizeof(std::uint64_t));
+  hasher->AddAll(features.features.descriptors);
   hasher->AddCount(features.words.size());
-  for (const std::uint32_t word : features.words) hasher->Add(word);
+  hasher->AddAll(features.words);
 }
 
 void AddKeyframe(const map::Keyframe& keyframe, const map::KeyframeFeatures& features, DigestHasher* hasher) {

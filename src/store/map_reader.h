@@ -23,6 +23,8 @@ absl::Status DamagedBy(const Finding& finding);
 // (without a fault) that says what is wrong: a checksum, or values that are read by number or cast to one later.
 absl::StatusOr<map::KeyframeFeatures> FeaturesFromRow(const Statement& row, const Pinhole* camera, int num_levels,
                                                       std::optional<std::uint32_t> num_words);
+// The same without unpacking all of them; words are not looked at. Refers to the row.
+absl::StatusOr<FeatureBlobs> FeatureBlobsFromRow(const Statement& row, const Pinhole* camera, int num_levels);
 // Likewise the points of the current row of table `keyframe_points`.
 absl::StatusOr<std::vector<PointId>> PointIdsFromRow(const Statement& row, std::size_t num_features);
 // Those rows of table `changes` that are selected, in that order.

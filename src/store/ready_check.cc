@@ -82,6 +82,7 @@ absl::Status ReadyCheck::ReadPlaces() {
       place::Vocabulary::Parse(std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
   if (!vocabulary.ok()) return absl::OkStatus();  // told by who checks that table
   for (place::WordId word = 0; word < vocabulary->num_words(); ++word) idf_.push_back(vocabulary->weight(word));
+  counts_.assign(idf_.size(), 0);
   for (std::uint32_t number = 0; number < index_->segments.size(); ++number) {
     const std::vector<KeyframeId>& keyframes = index_->segments[number];
     auto segment = [&]() -> absl::StatusOr<place::PostingSegment> {
@@ -111,15 +112,14 @@ absl::Status ReadyCheck::ReadPlaces() {
 
 void ReadyCheck::TakeWords(KeyframeId keyframe, const std::vector<std::uint32_t>& words) {
   if (!index_ || idf_.empty()) return;
-  std::vector<std::uint32_t> sorted = words;
-  std::sort(sorted.begin(), sorted.end());
+  for (const std::uint32_t word : words) {
+    if (word < counts_.size()) ++counts_[word];
+  }
   std::uint64_t bag = 0;
-  for (std::size_t i = 0; i < sorted.size();) {
-    std::size_t end = i;
-    while (end < sorted.size() && sorted[end] == sorted[i]) ++end;
-    const auto count = static_cast<std::uint32_t>(end - i);
-    if (sorted[i] < idf_.size() && place::TermWeight(count, idf_[sorted[i]]) > 0.0) bag += BagPart(sorted[i], count);
-    i = end;
+  for (const std::uint32_t word : words) {
+    if (word >= counts_.size() || counts_[word] == 0) continue;
+    if (place::TermWeight(counts_[word], idf_[word]) > 0.0) bag += BagPart(word, counts_[word]);
+    counts_[word] = 0;  // it may be there again, and is counted
   }
   const auto said = bags_.find(keyframe);
   if (said == bags_.end() || said->second != bag) wrong_.push_back(keyframe);

@@ -44,6 +44,7 @@ class ReadyCheck {
   FindingSink sink_;
   std::optional<ReadyIndex> index_;                     // of the newest revision
   std::vector<float> idf_;                              // by word; empty if the vocabulary cannot be read
+  std::vector<std::uint32_t> counts_;                   // by word, of the keyframe that goes by; 0 else
   std::unordered_map<KeyframeId, std::uint64_t> bags_;  // what the place index says of each, in short
   std::vector<KeyframeId> wrong_;                       // of which it says something else than their words
 };

@@ -1,7 +1,10 @@
 // SqliteMapStore::Verify.
+#include <algorithm>
 #include <memory>
+#include <thread>
 #include <utility>
 
+#include "base/guarded.h"
 #include "store/content_check.h"
 #include "store/digest.h"
 #include "store/map_open.h"
@@ -24,21 +27,32 @@ class NoFeatures : public map::FeatureReader {
   }
 };
 
+// One part of what there is to check.
 class Verification {
  public:
   explicit Verification(Database* database) : database_(database) {}
 
-  absl::StatusOr<std::vector<Finding>> Run() {
+  // SQLite's own structures, and that rows which others refer to are there.
+  absl::StatusOr<std::vector<Finding>> OfStructure() {
     absl::Status status = Absorb(CheckStructure());
     if (status.ok()) status = Absorb(CheckReferences());
-    if (status.ok()) status = Absorb(CheckSchema(database_, /*views=*/false, Sink()));
+    return Result(status);
+  }
+
+  // What the tables are and say.
+  absl::StatusOr<std::vector<Finding>> OfContent() {
+    absl::Status status = Absorb(CheckSchema(database_, /*views=*/false, Sink()));
     if (status.ok()) status = Absorb(CheckSchema(database_, /*views=*/true, Sink()));
     if (status.ok()) status = Absorb(CheckContent());
+    return Result(status);
+  }
+
+ private:
+  absl::StatusOr<std::vector<Finding>> Result(const absl::Status& status) {
     if (!status.ok() && findings_.size() < kMaxFindings) return status;
     return std::move(findings_);
   }
 
- private:
   FindingSink Sink() {
     return [this](const Finding& finding) {
       findings_.push_back(finding);
@@ -103,13 +117,46 @@ class Verification {
   std::vector<Finding> findings_;
 };
 
+absl::StatusOr<std::vector<Finding>> CheckStructureOf(Database* database) {
+  CAIRN_ASSIGN_OR_RETURN(const Transaction transaction, Transaction::Begin(database, Transaction::Kind::kRead));
+  return Verification(database).OfStructure();
+}
+
+// The structure is looked at by a connection of its own, `beside`, in a thread beside the content; without one, or if
+// there can be no thread, one after the other.
+absl::StatusOr<std::vector<Finding>> CheckBoth(Database* database, Database* beside) {
+  absl::StatusOr<std::vector<Finding>> structure = absl::InternalError("not looked at");
+  absl::StatusOr<std::thread> thread = absl::UnavailableError("no connection");
+  if (beside != nullptr) {
+    thread = StartThread(
+        "checking the file's structure", [&] { structure = CheckStructureOf(beside); },
+        [&](const absl::Status& failed) { structure = failed; });
+  }
+  absl::StatusOr<std::vector<Finding>> content = Guarded([&] { return Verification(database).OfContent(); });
+  if (thread.ok()) {
+    thread->join();
+  } else {
+    structure = Verification(database).OfStructure();
+  }
+  CAIRN_RETURN_IF_ERROR(structure.status());
+  CAIRN_RETURN_IF_ERROR(content.status());
+  std::vector<Finding> findings = *std::move(structure);
+  const std::size_t room = kMaxFindings - std::min(kMaxFindings, findings.size());
+  findings.insert(findings.end(), content->begin(),
+                  content->begin() + static_cast<std::ptrdiff_t>(std::min(room, content->size())));
+  return findings;
+}
+
 }  // namespace
 
 absl::StatusOr<std::vector<Finding>> SqliteMapStore::Verify() {
   auto verified = [&]() -> absl::StatusOr<std::vector<Finding>> {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));
-    CAIRN_ASSIGN_OR_RETURN(auto findings, Verification(database_.get()).Run());
+    std::string stamp;
+    const auto beside = OpenForReading(resolved_, &stamp);
+    const bool same_file = beside.ok() && identity_.IsAt(resolved_);
+    CAIRN_ASSIGN_OR_RETURN(auto findings, CheckBoth(database_.get(), same_file ? beside->get() : nullptr));
     if (!log_damage_.empty()) findings.push_back({"", 0, log_damage_});
     CAIRN_RETURN_IF_ERROR(CheckUnchanged());
     return findings;
