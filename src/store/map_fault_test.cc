@@ -159,6 +159,8 @@ TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
   expect_finding("UPDATE vocabulary SET bytes = 'x'", "vocabulary", 1);
   expect_finding("UPDATE changes SET reason = 'x' WHERE revision = 2", "changes", 2);
   expect_finding("DELETE FROM points WHERE id = 17", "points", 0);
+  expect_finding("UPDATE points SET id = 2000000 WHERE id = 17", "points", 2000000);
+  expect_finding("PRAGMA ignore_check_constraints = ON; UPDATE points SET id = -5 WHERE id = 17", "points", -5);
   expect_finding("DELETE FROM covisibility WHERE keyframe_a = 2", "covisibility", 0);
   expect_finding("DELETE FROM keyframe_points WHERE keyframe = 2", "keyframe_points", 0);
   expect_finding("DELETE FROM keyframe_features WHERE keyframe = 2", "keyframe_features", 2);
