@@ -204,8 +204,10 @@ absl::Status MapSequence(const RunOptions& options, InterruptWatch* interrupt) {
     if (live.count()) {
       if (const std::optional<engine::LivePose> pose = session->PoseInMap(result)) live.Write(result.time_ns, *pose);
     }
-    const bool waits = result.state == direct::TrackingState::kInitializing;
-    return waits ? result.message : absl::StrCat(session->KeyframesInMap(), " keyframes");
+    if (result.state == direct::TrackingState::kInitializing) return result.message;
+    const std::int64_t keyframes = session->KeyframesInMap();
+    // The feature module, which is beside, may have been handed many already.
+    return keyframes == 0 ? "tracked, not in the map yet" : absl::StrCat(keyframes, " keyframes");
   };
   bool finishing = false;
   const auto finish = [&]() -> absl::Status {
