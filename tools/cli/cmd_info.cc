@@ -93,7 +93,7 @@ nlohmann::ordered_json SessionAsJson(const ToldSession& told, bool being_written
           {"trajectory", TrajectoryAsJson(session)},
           {"software_version", session.software_version},
           {"started", FormatUnixTime(session.started_unix_ns)},
-          {"settings", nlohmann::ordered_json::parse(session.settings_json, nullptr, false)}};
+          {"settings", SettingsAsJson(session)}};
 }
 
 // Null: there is nothing that it could be measured of.

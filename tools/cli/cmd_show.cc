@@ -114,7 +114,7 @@ ordered_json DescribePoint(const map::Snapshot& map, const map::MapPoint& point)
 
 ordered_json DescribeSession(const map::Session& session) {
   return {{"software_version", session.software_version},
-          {"settings", ordered_json::parse(session.settings_json, nullptr, false)},
+          {"settings", SettingsAsJson(session)},
           {"loops_closed", LoopsAsJson(session)},
           {"trajectory", TrajectoryAsJson(session)}};
 }

@@ -38,6 +38,11 @@ nlohmann::ordered_json TrajectoryAsJson(const map::Session& session) {
           {"reason", session.trajectory->reason}};
 }
 
+nlohmann::ordered_json SettingsAsJson(const map::Session& session) {
+  auto settings = nlohmann::ordered_json::parse(session.settings_json, nullptr, /*allow_exceptions=*/false);
+  return settings.is_discarded() ? nlohmann::ordered_json(nullptr) : settings;
+}
+
 nlohmann::ordered_json LensAsJson(const std::optional<mapping::LensReport>& lens) {
   if (!lens) return nullptr;
   return {{"corrected", lens->applied},

@@ -13,6 +13,9 @@ nlohmann::ordered_json LoopsAsJson(const map::Session& session);
 // Null if the session has not ended, or had no choice.
 nlohmann::ordered_json TrajectoryAsJson(const map::Session& session);
 
+// Options that differ from the defaults; null if that is not known.
+nlohmann::ordered_json SettingsAsJson(const map::Session& session);
+
 // What a session found out about its camera's lens (mapping/lens_refinement.h); null if it did not ask.
 nlohmann::ordered_json LensAsJson(const std::optional<mapping::LensReport>& lens);
 // What the map knows of it: null without a correction.
