@@ -103,8 +103,8 @@ class Inspection(unittest.TestCase):
         self.assertEqual((made['keyframes'], made['points']), (5 * info['keyframes'], 5 * info['points']))
         self.assertEqual(must('verify', large, '--deep')['findings'], [])
         # No settings are known of sessions that were copied: that is JSON, too.
-        self.assertIsNone(must('info', large)['sessions'][1]['settings'])
-        self.assertIsNone(must('show', large, 'session', 2)['settings'])
+        self.assertIsNone(must('info', large)['sessions'][0]['settings'])
+        self.assertIsNone(must('show', large, 'session', 1)['settings'])
         found = must('localize', self.office, '--map', large, '--independent', '--stride', 30)
         alone = must('localize', self.office, '--map', self.map, '--independent', '--stride', 30)
         self.assertEqual(found['localized'], alone['localized'])
