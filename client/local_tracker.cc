@@ -6,6 +6,7 @@
 #include "base/guarded.h"
 #include "client/map_reader.h"
 #include "client/query_image.h"
+#include "store/fault.h"
 
 namespace cairn::client {
 
@@ -99,7 +100,10 @@ void LocalTracker::Fill(const TrackStep& step, api::TrackAnswer* answer) const {
   answer->connected = connection.connected;
   answer->map_age_s = connection.age_s;
   answer->focal_factor = context_->calibration.focal_factor();
-  if (!tracker_->following().ok()) answer->note = std::string(tracker_->following().message());
+  if (!tracker_->following().ok()) {
+    answer->note = std::string(tracker_->following().message());
+    answer->map_damaged = store::IsDamaged(tracker_->following());
+  }
   if (const Anchor* anchor = tracker_->anchor(); anchor != nullptr) {
     answer->matched_ns = anchor->time_ns;
     answer->inliers = anchor->inliers;

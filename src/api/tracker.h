@@ -55,6 +55,7 @@ struct TrackAnswer {
   // multiplied by; the covariance covers it. 1: they do not.
   double focal_factor = 1.0;
   std::string note;  // what keeps the tracker from following the map (removed, damaged, no server); it goes on without
+  bool map_damaged = false;  // that is what `note` says: poses come from what could be read of it
   // To who changes the map; a file is always within reach.
   bool connected = true;
   double map_age_s = 0.0;  // since what the tracker has of the map was the newest for certain; 0 for a file

@@ -44,6 +44,7 @@ void ToProto(const api::TrackAnswer& answer, v1::TrackAnswer* out) {
   out->set_matched_ns(answer.matched_ns);
   out->set_inliers(answer.inliers);
   out->set_note(answer.note);
+  out->set_map_damaged(answer.map_damaged);
   out->set_track_ms(answer.track_ms);
   out->set_focal_factor(answer.focal_factor);
   if (answer.state == api::TrackState::kLost) return;
@@ -66,6 +67,7 @@ absl::StatusOr<api::TrackAnswer> FromProto(const v1::TrackAnswer& message) {
   answer.matched_ns = message.matched_ns();
   answer.inliers = message.inliers();
   answer.note = message.note();
+  answer.map_damaged = message.map_damaged();
   answer.track_ms = message.track_ms();
   if (message.focal_factor() > 0.0) answer.focal_factor = message.focal_factor();
   if (answer.state == api::TrackState::kLost) return answer;

@@ -22,6 +22,7 @@ TEST(ConvertTracks, AnswersLossesAndRefusals) {
   answer.matched_ns = 4;
   answer.inliers = 30;
   answer.note = "the map was removed";
+  answer.map_damaged = true;
   answer.track_ms = 0.5;
   v1::TrackAnswer message, sent;
   ToProto(answer, &message);
@@ -42,6 +43,7 @@ TEST(ConvertTracks, AnswersLossesAndRefusals) {
   EXPECT_EQ(back->matched_ns, 4);
   EXPECT_EQ(back->inliers, 30);
   EXPECT_EQ(back->note, answer.note);
+  EXPECT_TRUE(back->map_damaged);
   EXPECT_EQ(back->track_ms, 0.5);
 
   answer.state = api::TrackState::kLost;

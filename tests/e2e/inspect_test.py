@@ -94,6 +94,20 @@ class Inspection(unittest.TestCase):
                 answer = cairn(*call)
                 self.assertEqual(answer.code, 3, f'{call}: {answer.out}')
                 self.assertIn('damaged', answer.json['error'])
+            # A tracker goes on with what can be read, as a robot has to, and says so.
+            tracked = cairn('track', self.office, '--map', damaged)
+            self.assertEqual(tracked.code, 3, tracked.out)
+            self.assertTrue(tracked.json.get('map_damaged') or 'damaged' in tracked.json['error'], tracked.out)
+
+            # Nor is damage copied without a word.
+            before, copy = damaged.read_bytes(), self.folder / f'copy_{name}.cairn'
+            for call in (['snapshot', damaged, copy], ['export', damaged, copy], ['compact', damaged]):
+                answer = cairn(*call)
+                self.assertEqual(answer.code, 3, f'{call}: {answer.out}')
+                self.assertIn('cairn recover', answer.json['error'])
+                self.assertEqual([path.name for path in self.folder.glob(f'copy_{name}*')], [])
+            self.assertEqual(damaged.read_bytes(), before)
+            must('snapshot', damaged, copy, '--unchecked')
 
     # synth map
 

@@ -4,6 +4,7 @@ import json
 import math
 import pathlib
 import shutil
+import sqlite3
 import subprocess
 import tempfile
 import unittest
@@ -84,6 +85,15 @@ class KeepMaps(unittest.TestCase):
         for name in ('cameras.txt', 'images.txt', 'points3D.txt'):
             self.assertEqual(*((self.folder / model / name).read_bytes() for model in ('served-model', 'local-model')))
         self.assertEqual(self.must_ask('export', 'office', self.folder / 'served.json')['format'], 'json')
+        damaged = self.maps / 'damaged.cairn'
+        shutil.copy(self.made, damaged)
+        with sqlite3.connect(damaged) as database:
+            database.execute('UPDATE keyframe_features SET words = zeroblob(length(words))')
+        database.close()
+        self.assertEqual(self.ask('snapshot', 'damaged', 'damaged-copy').code, 3)
+        self.assertEqual(self.ask('export', 'damaged', self.folder / 'damaged-copy.cairn').code, 3)
+        self.assertEqual([path for folder in (self.maps, self.folder) for path in folder.glob('damaged-copy*')], [])
+        damaged.unlink()
         again = self.folder / 'again.cairn'
         self.assertEqual(must('snapshot', self.made, again)['revision'], copy['revision'])
         self.assertEqual(cairn('snapshot', self.made, again).code, 1, 'it exists')

@@ -6,6 +6,7 @@
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
+#include "health/verify_map.h"
 #include "store/map_store.h"
 #include "text/text.h"
 
@@ -21,7 +22,16 @@ struct Compacted {
   std::int64_t before = 0, after = 0;
 };
 
+// What does not fit its checksum would be written anew as it is: of the file as it was more can still be saved. By a
+// connection that only reads, as who opens a map to write brings it up to date.
+absl::Status RequireSound(const std::string& map) {
+  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
+                         store::OpenMapStore(map, store::OpenMode::kRead));
+  return Annotate(health::RequireSound(*store), absl::StrCat(map, " is not compacted"));
+}
+
 absl::StatusOr<Compacted> CompactFile(const CompactOptions& options) {
+  CAIRN_RETURN_IF_ERROR(RequireSound(options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
                          store::OpenMapStore(options.map, store::OpenMode::kWrite));
   TellNotes("compact", store->notes());
@@ -44,7 +54,7 @@ void AddCompactCommand(CLI::App& app, Action* action) {
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
       "The content stays as it is (same digest). It needs as much free disk as the map has bytes; killed on the way it "
-      "leaves the map as it was. Others may read meanwhile.\n"
+      "leaves the map as it was. Others may read meanwhile. A damaged map is left as it is (exit code 3).\n"
       "Examples:\n"
       "  cairn compact office.cairn\n"
       "  cairn prune office.cairn && cairn compact office.cairn");

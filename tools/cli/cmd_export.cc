@@ -14,6 +14,7 @@
 #include "cli/export_model.h"
 #include "cli/export_served.h"
 #include "cli/server_option.h"
+#include "health/verify_map.h"
 #include "host/export.h"
 #include "store/map_store.h"
 #include "text/text.h"
@@ -29,10 +30,28 @@ struct ExportOptions {
   bool json = false;
 };
 
+// The map itself, of which what is damaged is not copied without a word. A file that is there goes for a good one only.
+absl::Status WriteMap(const ExportOptions& options) {
+  const auto sound = [](const std::string& path) {
+    return Annotate(health::RequireSoundCopy(path), "nothing is exported");
+  };
+  if (options.server.empty()) {
+    CAIRN_RETURN_IF_ERROR(host::ExportMap(options.map, api::ExportContent::kMap, options.out));
+    return sound(options.out);
+  }
+  const std::string fetched = absl::StrCat(options.out, ".fetched");
+  CAIRN_RETURN_IF_ERROR(ExportServed(options.server, options.map, api::ExportContent::kMap, fetched));
+  CAIRN_RETURN_IF_ERROR(sound(fetched));
+  std::error_code error;
+  std::filesystem::rename(fetched, options.out, error);
+  return error ? absl::InternalError(absl::StrCat(options.out, ": ", error.message())) : absl::OkStatus();
+}
+
 absl::Status Write(const ExportOptions& options, api::ExportContent content) {
+  if (content == api::ExportContent::kMap) return WriteMap(options);
   if (!options.server.empty()) return ExportServed(options.server, options.map, content, options.out);
   std::error_code error;
-  if (content == api::ExportContent::kMap || !std::filesystem::exists(options.out, error)) {
+  if (!std::filesystem::exists(options.out, error)) {
     return host::ExportMap(options.map, content, options.out);
   }
   const std::string part = absl::StrCat(options.out, ".part");

@@ -6,6 +6,7 @@
 #include "cli/cli.h"
 #include "cli/described_map.h"
 #include "cli/server_option.h"
+#include "health/verify_map.h"
 #include "host/describe.h"
 #include "store/map_store.h"
 #include "text/text.h"
@@ -17,12 +18,14 @@ struct SnapshotOptions {
   std::string map;
   std::string copy;
   ServerChoice server;
+  bool unchecked = false;
   bool json = false;
 };
 
-absl::StatusOr<api::MapSummary> CopyFile(const std::string& map, const std::string& copy) {
+absl::StatusOr<api::MapSummary> CopyFile(const std::string& map, const std::string& copy, bool unchecked) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> from, store::OpenMapStore(map, store::OpenMode::kRead));
   CAIRN_RETURN_IF_ERROR(from->CopyTo(copy));
+  if (!unchecked) CAIRN_RETURN_IF_ERROR(Annotate(health::RequireSoundCopy(copy), absl::StrCat(map, " is not copied")));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> made,
                          store::OpenMapStore(copy, store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, made->ReadSummary());
@@ -30,7 +33,7 @@ absl::StatusOr<api::MapSummary> CopyFile(const std::string& map, const std::stri
 }
 
 absl::StatusOr<api::MapSummary> Copy(const SnapshotOptions& options) {
-  if (options.server.empty()) return CopyFile(options.map, options.copy);
+  if (options.server.empty()) return CopyFile(options.map, options.copy, options.unchecked);
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
   return service->Snapshot(options.map, options.copy);
 }
@@ -55,13 +58,16 @@ void AddSnapshotCommand(CLI::App& app, Action* action) {
   auto options = std::make_shared<SnapshotOptions>();
   verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
   verb->add_option("COPY", options->copy, "File of the copy, with --server its name there; must not exist")->required();
+  verb->add_flag("--unchecked", options->unchecked, "Do not look whether the copy is good: damage is copied, too");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
+      "The copy is checked as cairn verify does; of a damaged map none is made (exit code 3).\n"
       "Examples:\n"
       "  cairn snapshot office.cairn office-before.cairn\n"
       "  cairn --server localhost:7878 snapshot office office-before");
   verb->callback([=, &app] {
     options->server = ServerOf(app);
+    if (options->unchecked && !options->server.empty()) throw CLI::ExcludesError("--unchecked", "--server");
     *action = [=] {
       const absl::Status status = TakeSnapshot(*options);
       return status.ok() ? static_cast<int>(kOk) : Fail("snapshot", status, options->json);

@@ -101,6 +101,7 @@ struct TrackSummary {
   bool in_map_units = false;              // as which some of them are
   std::string map_id;
   std::string note;
+  bool map_damaged = false;
   double focal_factor = 1.0;      // that the frames show at last, if they contradict the calibration
   std::int64_t disconnected = 0;  // frames that were answered without the server
   double map_age_s = 0.0;         // the most that what was known of the map had lagged behind
@@ -117,7 +118,8 @@ struct TrackSummary {
     track_ms.Add(static_cast<float>(answer.track_ms));
     map_id = answer.map_id;
     revision = answer.revision;
-    note = answer.note;
+    if (answer.map_damaged || !map_damaged) note = answer.note;
+    map_damaged |= answer.map_damaged;
     if (answer.focal_factor != 1.0 || answer.state != api::TrackState::kLost) focal_factor = answer.focal_factor;
     if (!answer.connected) ++disconnected;
     map_age_s = std::max(map_age_s, answer.map_age_s);
@@ -313,6 +315,7 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
       json["map_age_s"] = summary.map_age_s;
     }
     if (!summary.note.empty()) json["note"] = summary.note;
+    json["map_damaged"] = summary.map_damaged;
     PrintJson(json);
     return;
   }
@@ -350,7 +353,12 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
         "%.3f: the poses are off, and less sure than usual; calibrate the camera\n",
         summary.focal_factor));
   }
-  if (!summary.note.empty()) text::Say(absl::StrFormat("  the map was not followed: %s\n", text::Shown(summary.note)));
+  if (summary.map_damaged) {
+    text::Say(absl::StrFormat("  WARNING: the map is damaged, and poses come from what could be read of it: %s\n",
+                              text::Shown(summary.note)));
+  } else if (!summary.note.empty()) {
+    text::Say(absl::StrFormat("  the map was not followed: %s\n", text::Shown(summary.note)));
+  }
   if (interrupted) text::Say("  interrupted: this is what was done until then\n");
   if (!summary.metric) text::Say("  the map is not aligned: poses are in its own units and frame (cairn align)\n");
 }
@@ -393,6 +401,7 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
   CAIRN_RETURN_IF_ERROR(written);
   PrintSummary(options, summary, skipped.count(), interrupted);
   if (interrupted) return interrupt.exit_code();
+  if (summary.map_damaged) return kDamagedMap;
   return summary.WithPose() > 0 ? kOk : kNotLocalized;
 }
 
@@ -429,7 +438,9 @@ void AddTrackCommand(CLI::App& app, Action* action) {
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
-      "Exit code 4 if no frame has a pose. Beside a session that extends the map its changes are followed.\n"
+      "Beside a session that extends the map its changes are followed.\n"
+      "Exit codes: 0 ok, 1 failure, 2 usage, 3 map damaged (poses come from what could be read of it), 4 no frame has\n"
+      "a pose, 5 version.\n"
       "Examples:\n"
       "  cairn track second_visit --camera camera.yaml --map office.cairn --out poses.txt\n"
       "  cairn track second_visit --map office.cairn --out poses.txt --states states.txt --realtime\n"
