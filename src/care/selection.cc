@@ -38,23 +38,43 @@ void DropOthers(const std::function<bool(const map::Keyframe&)>& keep, map::Edit
   }
 }
 
-// Rows that nothing that is left refers to.
-void DropUnused(const map::Snapshot& map, map::Delta* delta) {
-  std::erase_if(delta->components, [&](const map::Component& component) {
-    const ComponentId now = map.Resolve(component.id);
-    return !now || map.NumKeyframes(now) == 0;
-  });
-  std::set<ComponentId> components;
-  std::set<SessionId> sessions;
+// Components without keyframes, and the history of joins of which a side is no longer there. One whose beginner has
+// left counts as begun by the first session that is still in it.
+void DropComponents(const std::map<ComponentId, std::set<SessionId>>& present, const std::set<SessionId>& sessions,
+                    map::Delta* delta) {
+  std::set<ComponentId> kept;
   for (const map::Component& component : delta->components) {
-    components.insert(component.id);
-    sessions.insert(component.session);
+    if (sessions.contains(component.session) && (component.joined || present.contains(component.id))) {
+      kept.insert(component.id);
+    }
   }
+  for (std::size_t before = 0; before != kept.size();) {
+    before = kept.size();
+    for (const map::Component& component : delta->components) {
+      if (component.joined && !kept.contains(component.joined->into)) kept.erase(component.id);
+    }
+  }
+  for (const auto& [id, in_it] : present) kept.insert(id);
+  std::erase_if(delta->components, [&](const map::Component& component) { return !kept.contains(component.id); });
+  for (map::Component& component : delta->components) {
+    const auto in_it = present.find(component.id);
+    if (in_it != present.end() && !sessions.contains(component.session)) component.session = *in_it->second.begin();
+  }
+}
+
+// Rows that nothing that is left refers to.
+void DropUnused(map::Delta* delta) {
+  std::map<ComponentId, std::set<SessionId>> present;  // that have keyframes there
+  std::set<SessionId> sessions;
   std::set<CameraId> cameras;
   for (const auto& keyframe : delta->keyframes) {
+    present[keyframe->component].insert(keyframe->session);
     sessions.insert(keyframe->session);
     cameras.insert(keyframe->camera);
   }
+  DropComponents(present, sessions, delta);
+  std::set<ComponentId> components;
+  for (const map::Component& component : delta->components) components.insert(component.id);
   std::erase_if(delta->sessions, [&](const map::Session& session) { return !sessions.contains(session.id); });
   for (map::Session& session : delta->sessions) {
     std::erase_if(session.components, [&](ComponentId id) { return !components.contains(id); });
@@ -74,7 +94,7 @@ absl::StatusOr<std::shared_ptr<const map::Snapshot>> SelectKeyframes(
   CAIRN_ASSIGN_OR_RETURN(const auto part, start->Apply(edit.Finish("select")));
   if (part->keyframes().empty()) return absl::FailedPreconditionError("no keyframe is in that part of the map");
   map::Delta delta = AsOneChange(*part, "select");
-  DropUnused(*part, &delta);
+  DropUnused(&delta);
   return map::Snapshot::Empty(info)->Apply(delta);
 }
 

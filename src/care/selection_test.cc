@@ -30,9 +30,11 @@ TEST(SelectKeyframes, ASessionBecomesAMap) {
   EXPECT_TRUE((*part)->components().contains(visits.shared));
   EXPECT_FALSE((*part)->components().contains(visits.alone));
   EXPECT_EQ((*part)->WorldFrom(visits.shared)->scale(), visits.map->WorldFrom(visits.shared)->scale());
-  // It began the component, and stays in its history; the one apart does not.
-  EXPECT_TRUE((*part)->sessions().contains(visits.first));
-  EXPECT_FALSE((*part)->sessions().contains(visits.apart));
+  // Of those that have nothing in it nothing is said, although one of them began the component.
+  EXPECT_THAT((*part)->sessions(), testing::ElementsAre(testing::Key(visits.second)));
+  EXPECT_EQ((*part)->component(visits.shared).session, visits.second);
+  EXPECT_THAT((*part)->components(), testing::ElementsAre(testing::Key(visits.shared)));
+  EXPECT_THAT((*part)->sessions().at(visits.second).components, testing::Each(visits.shared));
   (*part)->keyframes().ForEach([&](const auto& keyframe) {
     const map::Keyframe& was = visits.map->keyframe(keyframe->id);
     EXPECT_EQ(keyframe->camera_from_map.translation(), was.camera_from_map.translation());

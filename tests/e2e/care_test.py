@@ -204,6 +204,10 @@ class Care(unittest.TestCase):
 
     def test_sessions_and_areas_become_maps(self):
         parts = must('split', self.map, '--by', 'session', '-o', self.work / 'parts')['parts']
+        for part in parts:
+            sessions = must('ls', part['file'], 'sessions')['sessions']
+            self.assertEqual([session['keyframes'] > 0 for session in sessions], [True], 'only its own')
+            self.assertEqual(len(must('ls', part['file'], 'components')['components']), 1)
         self.assertEqual([part['part'] for part in parts], ['session-1', 'session-2'])
         self.assertEqual(sum(part['keyframes'] for part in parts), must('info', self.map)['keyframes'])
         for part in parts:
