@@ -93,6 +93,10 @@ class Recovery {
   }
 
   absl::Status MendRows() {
+    if (rows_.keyframes.empty() && expected_keyframes_ == 0) {
+      return absl::FailedPreconditionError(
+          "the map had no keyframes: there is nothing to save (cairn create makes such a map)");
+    }
     absl::StatusOr<Mended> mended = Mend(&rows_);
     if (absl::IsDataLoss(mended.status())) return MakeFault(Fault::kDamaged, mended.status().message());
     CAIRN_RETURN_IF_ERROR(mended.status());
