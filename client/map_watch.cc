@@ -6,6 +6,7 @@
 
 #include "base/guarded.h"
 #include "image/matching.h"
+#include "store/fault.h"
 
 namespace cairn::client {
 namespace {
@@ -123,7 +124,11 @@ void MapWatch::Run() {
 // still answers.
 void MapWatch::Follow(WatchAnswer* answer) {
   const Clock::time_point now = Clock::now();
-  if (!refreshed_ || now - *refreshed_ >= std::chrono::duration<double>(options_.refresh_interval_s)) {
+  // What could not be read is read anew at once, and then now and then: only so it is known whether the map is damaged,
+  // or no more than what is kept ready of it.
+  const auto& features = source_->view()->map().feature_cache();
+  const bool unreadable = features != nullptr && store::IsDamaged(features->status()) && !store::IsDamaged(following_);
+  if (unreadable || !refreshed_ || now - *refreshed_ >= std::chrono::duration<double>(options_.refresh_interval_s)) {
     following_ = Guarded([&] { return source_->Refresh().status(); });
     refreshed_ = Clock::now();
   }

@@ -95,9 +95,10 @@ class Inspection(unittest.TestCase):
                 self.assertEqual(answer.code, 3, f'{call}: {answer.out}')
                 self.assertIn('damaged', answer.json['error'])
             # A tracker goes on with what can be read, as a robot has to, and says so.
-            tracked = cairn('track', self.office, '--map', damaged)
-            self.assertEqual(tracked.code, 3, tracked.out)
-            self.assertTrue(tracked.json.get('map_damaged') or 'damaged' in tracked.json['error'], tracked.out)
+            for until in (0.3, 6):
+                tracked = cairn('track', self.office, '--map', damaged, '--until', until)
+                self.assertEqual(tracked.code, 3, tracked.out)
+                self.assertTrue(tracked.json.get('map_damaged') or 'damaged' in tracked.json['error'], tracked.out)
 
             # Nor is damage copied without a word.
             before, copy = damaged.read_bytes(), self.folder / f'copy_{name}.cairn'
