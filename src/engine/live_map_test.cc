@@ -55,6 +55,7 @@ class FakeStore : public store::MapStore {
   absl::StatusOr<std::vector<store::Finding>> Verify() override { return None(); }
   absl::StatusOr<std::string> ContentDigest() override { return None(); }
   absl::Status CopyTo(const std::string&) override { return None(); }
+  absl::Status CopySound(const std::string&) override { return None(); }
   absl::Status Compact() override { return None(); }
 
  private:

@@ -1,7 +1,5 @@
 #include "health/verify_map.h"
 
-#include <filesystem>
-#include <system_error>
 #include <utility>
 
 #include "health/map_vocabulary.h"
@@ -75,26 +73,6 @@ std::string Describe(const store::Finding& finding) {
   if (finding.table.empty()) return finding.message;
   if (finding.id == 0) return absl::StrCat(finding.table, ": ", finding.message);
   return absl::StrCat(finding.table, " ", finding.id, ": ", finding.message);
-}
-
-absl::Status RequireSound(store::MapStore& store) {
-  CAIRN_ASSIGN_OR_RETURN(const std::vector<store::Finding> findings, store.Verify());
-  if (findings.empty()) return absl::OkStatus();
-  const std::string more = findings.size() > 1 ? absl::StrCat(", and ", findings.size() - 1, " more findings") : "";
-  return store::MakeFault(store::Fault::kDamaged,
-                          absl::StrCat("the map is damaged: ", Describe(findings[0]), more,
-                                       " (cairn verify lists them, cairn recover saves what is good)"));
-}
-
-absl::Status RequireSoundCopy(const std::string& path) {
-  const absl::Status sound = [&]() -> absl::Status {
-    CAIRN_ASSIGN_OR_RETURN(const auto copy, store::OpenMapStore(path, store::OpenMode::kRead));
-    return RequireSound(*copy);
-  }();
-  if (sound.ok()) return sound;
-  std::error_code ignored;
-  for (const char* suffix : {"", "-wal", "-shm", "-lock"}) std::filesystem::remove(path + suffix, ignored);
-  return sound;
 }
 
 }  // namespace cairn::health

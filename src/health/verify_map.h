@@ -30,10 +30,4 @@ absl::StatusOr<VerifyReport> VerifyMap(const std::string& uri, const VerifyOptio
 // "points 17: wrong checksum"
 std::string Describe(const store::Finding& finding);
 
-// For who copies a map and must not copy damage without a word: an error of the fault kDamaged that names the first of
-// what MapStore::Verify() finds, and what to do. Reads all of it.
-absl::Status RequireSound(store::MapStore& store);
-// The same of the file at `path`, which was just made and of which nothing stays if it is damaged.
-absl::Status RequireSoundCopy(const std::string& path);
-
 }  // namespace cairn::health

@@ -12,7 +12,6 @@
 #include "base/told.h"
 #include "care/session_removal.h"
 #include "engine/map_alignment.h"
-#include "health/verify_map.h"
 #include "host/export.h"
 #include "host/inspect.h"
 #include "host/map_host.h"
@@ -84,8 +83,10 @@ absl::StatusOr<api::MapSummary> MapHost::Snapshot(const std::string& map, const 
     if (std::filesystem::exists(std::filesystem::symlink_status(FileOf(as), error))) {
       return store::MakeFault(store::Fault::kExists, absl::StrCat("there is a map \"", as, "\" already"));
     }
-    absl::Status copied = ExportMap(path, api::ExportContent::kMap, FileOf(as));
-    if (copied.ok()) copied = health::RequireSoundCopy(FileOf(as));
+    const absl::Status copied = [&]() -> absl::Status {
+      CAIRN_ASSIGN_OR_RETURN(const auto store, store::OpenMapStore(path, store::OpenMode::kRead));
+      return store->CopySound(FileOf(as));
+    }();
     CAIRN_RETURN_IF_ERROR(ToldOfChange(copied, absl::StrCat("map \"", map, "\" is not copied to \"", as, "\"")));
     return Summarize(as);
   });

@@ -245,7 +245,8 @@ absl::Status CheckOneName(const std::string& path) {
                                                     "their knowing of each other's locks; make a copy and write that"));
 }
 
-absl::Status CopyDatabase(Database* database, const std::string& path) {
+absl::Status CopyDatabase(Database* database, const std::string& path,
+                          const std::function<absl::Status(Database*)>& check) {
   // Into a new name and then in place, so that the copy appears as a whole.
   const std::string fresh = absl::StrCat(path, kNewSuffix);
   unlink(fresh.c_str());
@@ -266,6 +267,7 @@ absl::Status CopyDatabase(Database* database, const std::string& path) {
       CAIRN_ASSIGN_OR_RETURN(const auto writer, DeltaWriter::Prepare(target.get()));
       CAIRN_RETURN_IF_ERROR(writer->BeginLog());
     }
+    if (check) CAIRN_RETURN_IF_ERROR(check(target.get()));
     CAIRN_RETURN_IF_ERROR(PrepareForWriting(target.get(), {}));
     CAIRN_RETURN_IF_ERROR(target->Close());
     return PutInPlace(fresh, path);

@@ -44,7 +44,9 @@ absl::Status CheckFileSystem(const std::string& path);
 // A file of several names (hard links) has as many logs and locks, and they do not know of each other.
 absl::Status CheckOneName(const std::string& path);
 // A copy of the database as it is now, at a path where there is nothing. A failure leaves nothing there.
-absl::Status CopyDatabase(Database* database, const std::string& path);
+// `check` is asked of the copy before that, and its error ends it; may be empty.
+absl::Status CopyDatabase(Database* database, const std::string& path,
+                          const std::function<absl::Status(Database*)>& check = {});
 
 // Writes a whole new map file at `fresh`, without keyframes. A failure leaves nothing there.
 absl::Status WriteMapAt(const std::string& fresh, const MapRow& row, absl::string_view vocabulary);

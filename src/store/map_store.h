@@ -154,6 +154,8 @@ class MapStore {
 
   // Writes the newest revision to a map of its own, while others may go on writing this one. kExists if there is one.
   virtual absl::Status CopyTo(const std::string& uri) = 0;
+  // The same, if that is a good map (Verify(), StatusOf()); else nothing is there.
+  virtual absl::Status CopySound(const std::string& uri) = 0;
 
   // Gives room that removed keyframes and points left back. Needs as much free disk as the map has bytes.
   virtual absl::Status Compact() = 0;
@@ -161,6 +163,9 @@ class MapStore {
  protected:
   MapStore() = default;
 };
+
+// OK without findings; else of fault kDamaged, with the first of them and what to do.
+absl::Status StatusOf(const std::vector<Finding>& findings);
 
 // The map at `uri`: the path of a file, for now. Faults: all but kExists.
 absl::StatusOr<std::unique_ptr<MapStore>> OpenMapStore(const std::string& uri, OpenMode mode,

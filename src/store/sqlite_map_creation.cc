@@ -208,6 +208,11 @@ absl::Status NewSqliteMap::CopyTo(const std::string& path) {
   return file_->CopyTo(path);
 }
 
+absl::Status NewSqliteMap::CopySound(const std::string& path) {
+  CAIRN_RETURN_IF_ERROR(RequireFile());
+  return file_->CopySound(path);
+}
+
 absl::Status NewSqliteMap::Compact() {
   CAIRN_RETURN_IF_ERROR(RequireFile());
   return file_->Compact();

@@ -34,6 +34,7 @@ class NewSqliteMap : public MapStore {
   absl::StatusOr<std::vector<Finding>> Verify() override;
   absl::StatusOr<std::string> ContentDigest() override;
   absl::Status CopyTo(const std::string& path) override;
+  absl::Status CopySound(const std::string& path) override;
   absl::Status Compact() override;
 
  private:

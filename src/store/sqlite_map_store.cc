@@ -470,23 +470,4 @@ absl::StatusOr<std::string> SqliteMapStore::ContentDigest() {
   return digest;
 }
 
-absl::Status SqliteMapStore::CopyTo(const std::string& path) {
-  const auto copy = [&]() -> absl::Status {
-    CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveNew(path));
-    CAIRN_RETURN_IF_ERROR(CheckNoCompanion(resolved));
-    CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
-    CAIRN_ASSIGN_OR_RETURN(const auto lock, WriterLock::Acquire(resolved));
-    if (access(resolved.c_str(), F_OK) == 0) return MakeFault(Fault::kExists, "exists already: choose another name");
-    CAIRN_RETURN_IF_ERROR(CopyDatabase(database_.get(), resolved));
-    return CheckUnchanged();
-  };
-  return Annotate(Annotated(copy()), absl::StrCat("copying to ", path));
-}
-
-absl::Status SqliteMapStore::Compact() {
-  CAIRN_RETURN_IF_ERROR(Annotated(RequireWritable()));
-  CAIRN_RETURN_IF_ERROR(Annotated(database_->Execute("VACUUM")));
-  return Annotated(database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
-}
-
 }  // namespace cairn::store

@@ -1,6 +1,7 @@
 // One map in one SQLite file (docs/map-format.md).
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -47,10 +48,12 @@ class SqliteMapStore : public MapStore {
   absl::StatusOr<std::vector<LoggedChange>> ReadChanges(const ChangeQuery& query = {}) override;
   absl::StatusOr<std::vector<Finding>> Verify() override;
   absl::StatusOr<std::string> ContentDigest() override;
+  absl::Status CopySound(const std::string& path) override;
   absl::Status CopyTo(const std::string& path) override;
   absl::Status Compact() override;
 
  private:
+  absl::Status Copy(const std::string& path, const std::function<absl::Status(Database*)>& check);
   friend class NewSqliteMap;
 
   // Open() once the right to write is there, which is kept in `lock` (null: somebody else keeps it); `resolved` as by

@@ -12,6 +12,7 @@
 #include "store/ready_check.h"
 #include "store/sqlite.h"
 #include "store/sqlite_map_store.h"
+#include "store/verification.h"
 
 namespace cairn::store {
 namespace {
@@ -122,9 +123,9 @@ absl::StatusOr<std::vector<Finding>> CheckStructureOf(Database* database) {
   return Verification(database).OfStructure();
 }
 
-// The structure is looked at by a connection of its own, `beside`, in a thread beside the content; without one, or if
-// there can be no thread, one after the other.
-absl::StatusOr<std::vector<Finding>> CheckBoth(Database* database, Database* beside) {
+}  // namespace
+
+absl::StatusOr<std::vector<Finding>> VerifyDatabase(Database* database, Database* beside) {
   absl::StatusOr<std::vector<Finding>> structure = absl::InternalError("not looked at");
   absl::StatusOr<std::thread> thread = absl::UnavailableError("no connection");
   if (beside != nullptr) {
@@ -147,7 +148,12 @@ absl::StatusOr<std::vector<Finding>> CheckBoth(Database* database, Database* bes
   return findings;
 }
 
-}  // namespace
+absl::Status StatusOf(const std::vector<Finding>& findings) {
+  if (findings.empty()) return absl::OkStatus();
+  const std::string more = findings.size() > 1 ? absl::StrCat(", and ", findings.size() - 1, " more findings") : "";
+  return MakeFault(Fault::kDamaged, absl::StrCat(DamagedBy(findings[0]).message(), more,
+                                                 " (cairn verify lists them, cairn recover saves what is good)"));
+}
 
 absl::StatusOr<std::vector<Finding>> SqliteMapStore::Verify() {
   auto verified = [&]() -> absl::StatusOr<std::vector<Finding>> {
@@ -156,7 +162,7 @@ absl::StatusOr<std::vector<Finding>> SqliteMapStore::Verify() {
     std::string stamp;
     const auto beside = OpenForReading(resolved_, &stamp);
     const bool same_file = beside.ok() && identity_.IsAt(resolved_);
-    CAIRN_ASSIGN_OR_RETURN(auto findings, CheckBoth(database_.get(), same_file ? beside->get() : nullptr));
+    CAIRN_ASSIGN_OR_RETURN(auto findings, VerifyDatabase(database_.get(), same_file ? beside->get() : nullptr));
     if (!log_damage_.empty()) findings.push_back({"", 0, log_damage_});
     CAIRN_RETURN_IF_ERROR(CheckUnchanged());
     return findings;

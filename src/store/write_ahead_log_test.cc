@@ -232,6 +232,8 @@ TEST(WriteAheadLog, DamageIsTold) {
     if (revision < acknowledged) {
       ASSERT_THAT((*store)->notes(), Contains(HasSubstr(log))) << at;
       EXPECT_THAT(*(*store)->Verify(), Not(IsEmpty()));
+      EXPECT_TRUE(IsDamaged((*store)->CopySound(folder.File("copy.cairn"))));
+      EXPECT_FALSE(std::filesystem::exists(folder.File("copy.cairn")));
       EXPECT_EQ(ReadBytes(log + ".damaged"), damaged);
       ++told;
     } else {

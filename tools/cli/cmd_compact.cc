@@ -6,7 +6,6 @@
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/input_options.h"
-#include "health/verify_map.h"
 #include "store/map_store.h"
 #include "text/text.h"
 
@@ -27,7 +26,8 @@ struct Compacted {
 absl::Status RequireSound(const std::string& map) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
                          store::OpenMapStore(map, store::OpenMode::kRead));
-  return Annotate(health::RequireSound(*store), absl::StrCat(map, " is not compacted"));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<store::Finding> findings, store->Verify());
+  return Annotate(store::StatusOf(findings), absl::StrCat(map, " is not compacted"));
 }
 
 absl::StatusOr<Compacted> CompactFile(const CompactOptions& options) {

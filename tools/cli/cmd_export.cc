@@ -14,7 +14,6 @@
 #include "cli/export_model.h"
 #include "cli/export_served.h"
 #include "cli/server_option.h"
-#include "health/verify_map.h"
 #include "host/export.h"
 #include "store/map_store.h"
 #include "text/text.h"
@@ -30,18 +29,28 @@ struct ExportOptions {
   bool json = false;
 };
 
+void RemoveQuietly(const std::string& map) {
+  std::error_code ignored;
+  for (const char* suffix : {"", "-wal", "-shm", "-lock"}) std::filesystem::remove(map + suffix, ignored);
+}
+
 // The map itself, of which what is damaged is not copied without a word. A file that is there goes for a good one only.
 absl::Status WriteMap(const ExportOptions& options) {
-  const auto sound = [](const std::string& path) {
-    return Annotate(health::RequireSoundCopy(path), "nothing is exported");
-  };
   if (options.server.empty()) {
-    CAIRN_RETURN_IF_ERROR(host::ExportMap(options.map, api::ExportContent::kMap, options.out));
-    return sound(options.out);
+    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> map,
+                           store::OpenMapStore(options.map, store::OpenMode::kRead));
+    return map->CopySound(options.out);
   }
   const std::string fetched = absl::StrCat(options.out, ".fetched");
   CAIRN_RETURN_IF_ERROR(ExportServed(options.server, options.map, api::ExportContent::kMap, fetched));
-  CAIRN_RETURN_IF_ERROR(sound(fetched));
+  const absl::Status sound = [&]() -> absl::Status {
+    CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> map,
+                           store::OpenMapStore(fetched, store::OpenMode::kRead));
+    CAIRN_ASSIGN_OR_RETURN(const std::vector<store::Finding> findings, map->Verify());
+    return Annotate(store::StatusOf(findings), "nothing is exported");
+  }();
+  if (!sound.ok()) RemoveQuietly(fetched);
+  CAIRN_RETURN_IF_ERROR(sound);
   std::error_code error;
   std::filesystem::rename(fetched, options.out, error);
   return error ? absl::InternalError(absl::StrCat(options.out, ": ", error.message())) : absl::OkStatus();

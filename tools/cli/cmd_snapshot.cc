@@ -5,8 +5,8 @@
 #include "absl/strings/str_format.h"
 #include "cli/cli.h"
 #include "cli/described_map.h"
+#include "cli/input_options.h"
 #include "cli/server_option.h"
-#include "health/verify_map.h"
 #include "host/describe.h"
 #include "store/map_store.h"
 #include "text/text.h"
@@ -24,8 +24,8 @@ struct SnapshotOptions {
 
 absl::StatusOr<api::MapSummary> CopyFile(const std::string& map, const std::string& copy, bool unchecked) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> from, store::OpenMapStore(map, store::OpenMode::kRead));
-  CAIRN_RETURN_IF_ERROR(from->CopyTo(copy));
-  if (!unchecked) CAIRN_RETURN_IF_ERROR(Annotate(health::RequireSoundCopy(copy), absl::StrCat(map, " is not copied")));
+  TellNotes("snapshot", from->notes());
+  CAIRN_RETURN_IF_ERROR(unchecked ? from->CopyTo(copy) : from->CopySound(copy));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> made,
                          store::OpenMapStore(copy, store::OpenMode::kRead));
   CAIRN_ASSIGN_OR_RETURN(const store::MapSummary summary, made->ReadSummary());
