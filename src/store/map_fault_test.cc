@@ -15,6 +15,7 @@
 #include "store/row.h"
 #include "store/sqlite.h"
 #include "store/sqlite_map_store.h"
+#include "store/sqlite_record.h"
 #include "store/testing_files.h"
 #include "store/testing_maps.h"
 
@@ -167,6 +168,42 @@ TEST(MapFaults, ContentThatDoesNotFitItsChecksumIsNamed) {
   expect_finding("DELETE FROM map", "map", 0);
   expect_finding("DROP TABLE points", "points", 0);
   expect_finding("DROP VIEW overview", "overview", 0);
+}
+
+// What is on the list of free pages is overwritten by the next change.
+TEST(MapFaults, AListOfFreePagesThatCannotBeIsNamed) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn");
+  MakeMap(path, 2, 5);
+  {
+    auto database = *Database::OpenFile(path, Database::Mode::kReadWrite);
+    ASSERT_TRUE(database
+                    ->Execute("CREATE TABLE junk (b BLOB); INSERT INTO junk VALUES (zeroblob(60000)); DROP TABLE junk; "
+                              "PRAGMA wal_checkpoint(TRUNCATE)")
+                    .ok());
+  }
+  const std::string good = ReadBytes(path);
+  const auto number_at = [&](std::size_t at) { return BigEndian32(reinterpret_cast<const std::uint8_t*>(&good[at])); };
+  constexpr std::size_t kPageBytes = 4096, kFirstTrunk = 32, kCount = 36;
+  ASSERT_EQ(PageBytesOf(AsBytes(good)), kPageBytes);
+  const std::size_t leaf = (number_at(kFirstTrunk) - 1) * kPageBytes + 8;
+  ASSERT_GT(number_at(kCount), 5u);
+  const auto findings_with = [&](std::size_t at, std::uint32_t number) {
+    std::string bad = good;
+    for (int i = 0; i < 4; ++i) bad[at + static_cast<std::size_t>(i)] = static_cast<char>(number >> (24 - 8 * i));
+    WriteBytes(path, bad);
+    return *(*SqliteMapStore::OpenReadOnly(path))->Verify();
+  };
+  EXPECT_THAT(findings_with(leaf, number_at(leaf)), IsEmpty());
+  const auto names = [](const std::string& what) {
+    return ::testing::Contains(::testing::Field(&Finding::message, HasSubstr(what)));
+  };
+  constexpr std::uint32_t kInUse = 4;
+  EXPECT_THAT(findings_with(leaf, kInUse),
+              ::testing::AllOf(names("page 4 is in use"), names("is neither free nor in use")));
+  EXPECT_THAT(findings_with(leaf, number_at(leaf + 4)), names("list of free pages"));
+  EXPECT_THAT(findings_with(kFirstTrunk, number_at(kFirstTrunk) ^ 1u << 21), names("list of free pages"));
+  EXPECT_THAT(findings_with(kCount, number_at(kCount) + 1), names("list of free pages"));
 }
 
 // Whoever writes such files makes checksums that fit.

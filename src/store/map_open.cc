@@ -13,6 +13,7 @@
 #include "store/delta_writer.h"
 #include "store/fault.h"
 #include "store/file_paths.h"
+#include "store/log_damage.h"
 #include "store/migrations.h"
 #include "store/ready_pages.h"
 #include "store/row.h"
@@ -181,8 +182,11 @@ absl::StatusOr<std::unique_ptr<Database>> OpenForReading(const std::string& path
   // With write permission SQLite can remove its companion files in the end; it is held to change nothing otherwise.
   const bool can_write = access(path.c_str(), W_OK) == 0 && access(FolderOf(path).c_str(), W_OK) == 0;
   const bool had_log = access((path + "-wal").c_str(), F_OK) == 0;
+  const bool log_damaged = had_log && !LogDamageOf(path).empty();
   auto database = Database::OpenFile(path, can_write ? Database::Mode::kQueryOnly : Database::Mode::kReadOnly);
   absl::Status status = database.status();
+  // Else what lies behind the damage would be gone with the log.
+  if (status.ok() && log_damaged) (*database)->LeaveLog();
   if (status.ok()) status = CheckIdentity(database->get());
   // On a read-only medium, or a full one, SQLite cannot make the companion files that it shares with writers.
   const Fault fault = FaultOf(status);

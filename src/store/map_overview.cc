@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "store/file_paths.h"
+#include "store/log_damage.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/ready_pages.h"
@@ -385,10 +386,12 @@ void TakeComponents(const map::Snapshot& map, MapOverview* overview) {
 absl::StatusOr<MapOverview> ReadResolved(const std::string& uri, const OverviewOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const std::string resolved, ResolveExisting(uri));
   std::string immutable_stamp;
+  const std::string log_damage = LogDamageOf(resolved);
   CAIRN_ASSIGN_OR_RETURN(const auto database, OpenForReading(resolved, &immutable_stamp));
   CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
   CAIRN_ASSIGN_OR_RETURN(const Transaction transaction, Transaction::Begin(database.get(), Transaction::Kind::kRead));
   auto overview = OverviewReader(database.get(), options).Read();
+  if (overview.ok() && !log_damage.empty()) overview->notes.push_back(log_damage);
   if (const std::string note = LeftoverNote(resolved, /*writing=*/false); overview.ok() && !note.empty()) {
     overview->notes.push_back(note);
   }

@@ -284,8 +284,10 @@ absl::Status Database::Close() {
   return absl::OkStatus();
 }
 
+void Database::LeaveLog() { sqlite3_db_config(handle_, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr); }
+
 absl::Status Database::CloseWithoutFolding() {
-  sqlite3_db_config(handle_, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr);
+  LeaveLog();
   return Close();
 }
 

@@ -91,6 +91,8 @@ class Database {
 
   // All statements must be gone.
   absl::Status Close();
+  // However it is closed: the write-ahead log stays as it is.
+  void LeaveLog();
   // Likewise, but leaves the write-ahead log as it is.
   absl::Status CloseWithoutFolding();
 

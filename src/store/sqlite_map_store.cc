@@ -14,6 +14,7 @@
 #include "store/feature_reader.h"
 #include "store/file_paths.h"
 #include "store/format_upgrade.h"
+#include "store/log_damage.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/migrations.h"
@@ -123,7 +124,7 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenReadOnly(con
     CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
     std::string immutable_stamp;
     const std::string stamp = FileStamp(resolved);
-    const std::string log_damage = WriterLock::IsHeld(resolved) ? "" : KeepDamagedLog(resolved);
+    const std::string log_damage = LogDamageOf(resolved);
     CAIRN_ASSIGN_OR_RETURN(auto database, OpenForReading(resolved, &immutable_stamp));
     CAIRN_RETURN_IF_ERROR(CheckSchema(database.get(), /*views=*/false, DamagedBy));
     std::unique_ptr<SqliteMapStore> store(new SqliteMapStore(path, resolved, std::move(database), std::move(identity)));

@@ -7,6 +7,7 @@
 #include "base/guarded.h"
 #include "store/content_check.h"
 #include "store/digest.h"
+#include "store/free_pages.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/ready_check.h"
@@ -36,6 +37,7 @@ class Verification {
   // SQLite's own structures, and that rows which others refer to are there.
   absl::StatusOr<std::vector<Finding>> OfStructure() {
     absl::Status status = Absorb(CheckStructure());
+    if (status.ok() && findings_.empty()) status = Absorb(CheckFreePages(database_, Sink()));
     if (status.ok()) status = Absorb(CheckReferences());
     return Result(status);
   }

@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "store/fault.h"
 #include "store/file_paths.h"
+#include "store/log_damage.h"
 #include "store/log_frames.h"
 #include "store/sqlite_record.h"
 #include "store/writer_lock.h"
@@ -207,6 +208,15 @@ std::string DamageOfLog(const std::string& path) {
   }
   return absl::StrCat(log_path, " is damaged: the changes in it after revision ", kept, " up to revision ",
                       log.lost_revision, " cannot be replayed");
+}
+
+std::string LogDamageOf(const std::string& path) {
+  const absl::StatusOr<std::string> resolved = ResolveExisting(path);
+  if (!resolved.ok() || WriterLock::IsHeld(*resolved)) return {};
+  const std::string damage = DamageOfLog(*resolved);
+  return damage.empty()
+             ? damage
+             : absl::StrCat(damage, "; 'cairn recover' saves what is good of it, before the map is written to");
 }
 
 std::string KeepDamagedLog(const std::string& path) {

@@ -40,7 +40,7 @@ absl::Status CheckLog(const std::string& path);
 // that are not as they were written. Empty if there is nothing of that kind. Of a change that is the last one it cannot
 // be known whether it was ever acknowledged.
 std::string DamageOfLog(const std::string& path);
-// The same before the map is opened, by which SQLite may do away with the log: a copy is kept beside it.
+// The same before the map is opened to be written, by which SQLite does away with the log: a copy is kept beside it.
 std::string KeepDamagedLog(const std::string& path);
 
 }  // namespace cairn::store

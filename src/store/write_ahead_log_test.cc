@@ -9,6 +9,7 @@
 #include <csignal>
 #include <filesystem>
 
+#include "store/map_overview.h"
 #include "store/row.h"
 #include "store/testing_files.h"
 #include "store/testing_maps.h"
@@ -234,6 +235,13 @@ TEST(WriteAheadLog, DamageIsTold) {
       EXPECT_THAT(*(*store)->Verify(), Not(IsEmpty()));
       EXPECT_TRUE(IsDamaged((*store)->CopySound(folder.File("copy.cairn"))));
       EXPECT_FALSE(std::filesystem::exists(folder.File("copy.cairn")));
+      EXPECT_THAT(ReadMapOverview(path)->notes, Contains(HasSubstr(log))) << at;
+      // Who only reads does not do away with what is behind the damage: the next one is told the same.
+      store->reset();
+      EXPECT_EQ(ReadBytes(log), damaged);
+      EXPECT_EQ(ReadBytes(path), file);
+      // Who writes does, and keeps a copy.
+      EXPECT_TRUE(SqliteMapStore::Open(path).ok());
       EXPECT_EQ(ReadBytes(log + ".damaged"), damaged);
       ++told;
     } else {

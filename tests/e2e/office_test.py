@@ -242,6 +242,35 @@ class Office(unittest.TestCase):
         info = must('info', killed)
         self.assertGreaterEqual(info['keyframes'], 1)
 
+    def test_damage_in_the_log_of_a_killed_run_is_told_and_nothing_does_away_with_it(self):
+        work = self.folder / 'damaged_log'
+        work.mkdir()
+        killed, log = work / 'killed.cairn', work / 'killed.cairn-wal'
+        process = subprocess.Popen([BINARY, 'run', str(self.first), '--map', str(killed), '--realtime', '1', '--json'], stdout=subprocess.DEVNULL)
+        deadline = time.monotonic() + 60
+        while (not log.exists() or log.stat().st_size < 600_000) and time.monotonic() < deadline and process.poll() is None:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        (work / 'killed.cairn-shm').unlink(missing_ok=True)
+        damaged = bytearray(log.read_bytes())
+        damaged[len(damaged) // 2] ^= 16
+        log.write_bytes(damaged)
+        before = {path.name: path.read_bytes() for path in (killed, log)}
+        photo = sorted((self.first / 'mav0/cam0/data').glob('*.png'))[0]
+        for arguments in (('info', killed), ('ls', killed, 'keyframes'), ('stats', killed), ('show', killed, 'session', 1), ('log', killed),
+                          ('localize', photo, '--map', killed), ('export', killed, work / 'points.ply'), ('verify', killed),
+                          ('snapshot', killed, work / 'copy.cairn'), ('compact', killed), ('verify', killed)):
+            answer = cairn(*arguments)
+            self.assertIn('cairn recover', answer.err + answer.out, arguments)
+            self.assertEqual(answer.code, 3 if arguments[0] in ('verify', 'snapshot', 'compact') else 0, f'{arguments}: {answer.out}')
+            self.assertEqual({path.name: path.read_bytes() for path in (killed, log)}, before, arguments)
+        lost = must('info', killed)['revision']
+        must('recover', killed, work / 'recovered.cairn')
+        self.assertGreater(must('info', work / 'recovered.cairn')['keyframes'], 0)
+        self.assertEqual({path.name: path.read_bytes() for path in (killed, log)}, before)
+        self.assertGreaterEqual(must('info', work / 'recovered.cairn')['keyframes'], must('info', killed)['keyframes'], lost)
+
     def test_bench_tells_times_and_memory(self):
         report = must('bench', 'direct', self.first, '--preset', 'fast')
         self.assertGreaterEqual(report['frames_tracked'] / report['frames'], 0.95)

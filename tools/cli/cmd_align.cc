@@ -7,6 +7,7 @@
 #include "cli/geo_options.h"
 #include "cli/input_options.h"
 #include "cli/known_places.h"
+#include "cli/map_to_read.h"
 #include "cli/server_option.h"
 #include "engine/map_alignment.h"
 #include "eval/reference.h"
@@ -61,6 +62,7 @@ absl::StatusOr<api::AlignRequest> RequestOf(const AlignOptions& options, std::op
 }
 
 absl::StatusOr<api::AlignAnswer> AlignFile(const std::string& path, const api::AlignRequest& request) {
+  TellLogDamage("align", {}, path);
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::LiveMap> live, engine::LiveMap::Open(path));
   CAIRN_ASSIGN_OR_RETURN(api::AlignAnswer answer, engine::AlignMap(path, request, *live));
   CAIRN_RETURN_IF_ERROR(live->Close());

@@ -211,6 +211,7 @@ absl::StatusOr<inspect::Coverage> RunCoverage(const CoverageCommand& command) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(command.picture, command.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({command.picture}, {InputFile(command.server, command.map)}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(command.picture));
+  TellLogDamage("coverage", command.server, command.map);
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(command.server, command.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::MapReader> reader, client::MapReader::Open(source.path()));
   const std::int64_t views = std::min<std::int64_t>(

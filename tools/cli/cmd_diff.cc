@@ -39,6 +39,7 @@ struct Compared {
 };
 
 absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadState(const ServerChoice& server, const std::string& map) {
+  TellLogDamage("diff", server, map);
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(server, map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
                          store::OpenMapStore(source.path(), store::OpenMode::kRead));
@@ -276,6 +277,7 @@ absl::StatusOr<Compared> RunDiff(const DiffOptions& options) {
 
 // Of one file: the rows that were put or removed since a revision. What they were before is not kept.
 absl::Status RunSince(const DiffOptions& options) {
+  TellLogDamage("diff", options.server, options.first);
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.first));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
                          store::OpenMapStore(source.path(), store::OpenMode::kRead));

@@ -250,6 +250,7 @@ absl::StatusOr<bool> RunExplain(const ExplainCommand& command) {
   CAIRN_RETURN_IF_ERROR(
       CheckDistinct({command.picture}, {InputFile(command.server, command.map), command.image, command.camera}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(command.picture));
+  TellLogDamage("explain", command.server, command.map);
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(command.server, command.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::MapReader> reader, client::MapReader::Open(source.path()));
   CAIRN_ASSIGN_OR_RETURN(const Explained explained, AskNewest(*reader, [&](const tracking::MapView& view) {

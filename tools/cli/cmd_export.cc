@@ -13,6 +13,7 @@
 #include "cli/cli.h"
 #include "cli/export_model.h"
 #include "cli/export_served.h"
+#include "cli/map_to_read.h"
 #include "cli/server_option.h"
 #include "host/export.h"
 #include "store/map_store.h"
@@ -168,6 +169,7 @@ int ExportFile(const ExportOptions& options, ModelExport model) {
                                   absl::StrJoin(ModelFormats(), "|")),
                      options.json);
   }
+  TellLogDamage("export", options.server, options.map);
   const absl::Status status = is_model ? ExportModel(model) : Export(options, *ContentOfFile(options.out));
   return status.ok() ? static_cast<int>(kOk) : Fail("export", status, options.json);
 }

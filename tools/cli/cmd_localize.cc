@@ -22,6 +22,7 @@
 #include "cli/localize_answer.h"
 #include "cli/localize_target.h"
 #include "cli/map_camera.h"
+#include "cli/map_to_read.h"
 #include "cli/pictures.h"
 #include "cli/prior_option.h"
 #include "cli/sample_statistics.h"
@@ -390,6 +391,7 @@ absl::StatusOr<int> Localize(LocalizeOptions options) {
   for (const std::string* output : {&options.out, &options.picture}) {
     CAIRN_RETURN_IF_ERROR(CheckWritable(*output, options.overwrite));
   }
+  for (const std::string& map : options.maps) TellLogDamage("localize", options.server, map);
   if (several) {
     const bool more = !options.more_photos.empty() || !options.out.empty() || !options.picture.empty();
     if (photo && !more && !options.prior) return LocalizeInSeveral(options);

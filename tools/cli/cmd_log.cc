@@ -3,6 +3,7 @@
 
 #include "absl/strings/str_join.h"
 #include "cli/cli.h"
+#include "cli/map_to_read.h"
 #include "cli/server_option.h"
 #include "cli/unix_time.h"
 #include "host/inspect.h"
@@ -76,6 +77,7 @@ absl::StatusOr<api::MapLog> ReadLog(const LogOptions& options) {
   query.from_revision = options.from;
   query.session = SessionId(options.session);
   query.max_count = options.count;
+  TellLogDamage("log", options.server, options.map);
   if (options.server.empty()) return host::ReadMapLog(options.map, query);
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<client::RemoteMapService> service, ConnectTo(options.server));
   return service->Log(options.map, query);

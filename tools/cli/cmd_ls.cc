@@ -138,6 +138,7 @@ absl::Status ListContent(const LsOptions& options) {
   query.sort = options.sort.empty() ? "id" : options.sort;
   inspect::Listing none{inspect::ColumnsOf(kind), {}, 0};
   CAIRN_RETURN_IF_ERROR(inspect::Arrange(query, &none));  // a wrong name is told before a large map is loaded
+  TellLogDamage("ls", options.server, options.path);
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.path));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
                          store::OpenMapStore(source.path(), store::OpenMode::kRead));

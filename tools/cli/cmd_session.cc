@@ -5,6 +5,7 @@
 #include "absl/strings/str_format.h"
 #include "care/session_removal.h"
 #include "cli/cli.h"
+#include "cli/map_to_read.h"
 #include "cli/server_option.h"
 #include "engine/live_map.h"
 #include "text/text.h"
@@ -20,6 +21,7 @@ struct RemoveOptions {
 };
 
 absl::StatusOr<api::SessionRemoval> RemoveFromFile(const RemoveOptions& options) {
+  TellLogDamage("session", options.server, options.map);
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::LiveMap> live, engine::LiveMap::Open(options.map));
   CAIRN_ASSIGN_OR_RETURN(const api::SessionRemoval removal,
                          care::RemoveSession(options.map, SessionId(options.session), *live));

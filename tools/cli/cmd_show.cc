@@ -260,6 +260,7 @@ absl::Status Show(const ShowOptions& options) {
   CAIRN_RETURN_IF_ERROR(CheckWritable(options.picture, options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.picture}, {InputFile(options.server, options.map)}));
   CAIRN_RETURN_IF_ERROR(CheckPicture(options.picture));
+  TellLogDamage("show", options.server, options.map);
   CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,
                          store::OpenMapStore(source.path(), store::OpenMode::kRead));

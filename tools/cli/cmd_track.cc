@@ -19,6 +19,7 @@
 #include "cli/component_report.h"
 #include "cli/input_options.h"
 #include "cli/interrupt.h"
+#include "cli/map_to_read.h"
 #include "cli/process_memory.h"
 #include "cli/sample_statistics.h"
 #include "cli/server_option.h"
@@ -374,6 +375,7 @@ absl::StatusOr<int> Track(const TrackOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<io::FrameSource> source, OpenInput(options.input, "track"));
   ServerChoice server = options.server;
   server.interrupt = &interrupt;
+  TellLogDamage("track", server, options.map);
   CAIRN_ASSIGN_OR_RETURN(TrackTarget target,
                          OpenTrackTarget(server, options.map, source->info().camera,
                                          TrackerOptions(options, source->info()), options.server_side));

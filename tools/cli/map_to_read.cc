@@ -10,6 +10,8 @@
 #include <utility>
 
 #include "cli/export_served.h"
+#include "cli/input_options.h"
+#include "store/log_damage.h"
 
 namespace cairn::cli {
 namespace {
@@ -92,6 +94,11 @@ MapToRead::~MapToRead() {
   std::error_code ignored;
   std::filesystem::remove_all(folder_, ignored);
   ForgetFetched(folder_);
+}
+
+void TellLogDamage(const std::string& verb, const ServerChoice& server, const std::string& map) {
+  if (!server.empty()) return;
+  if (const std::string damage = store::LogDamageOf(map); !damage.empty()) TellNotes(verb, {damage});
 }
 
 std::string InputFile(const ServerChoice& server, const std::string& map) {

@@ -30,6 +30,10 @@ class MapToRead {
   std::string folder_;  // a temporary one, which this has made; else empty
 };
 
+// Tells of changes in the log of a map of this machine that are passed over as it is damaged there; nothing of others.
+// For verbs that do not tell all notes of the map.
+void TellLogDamage(const std::string& verb, const ServerChoice& server, const std::string& map);
+
 // `map` where it is a file of this machine, for checks of outputs against inputs; else empty.
 std::string InputFile(const ServerChoice& server, const std::string& map);
 
