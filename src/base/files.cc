@@ -41,7 +41,8 @@ absl::Status SystemError(absl::string_view what, const std::string& path) {
 }
 
 absl::Status AlreadyThere(const std::string& path) {
-  return absl::AlreadyExistsError(absl::StrCat(path, " exists; allow overwriting or choose another name"));
+  return absl::AlreadyExistsError(
+      absl::StrCat(path, " exists already: choose another name, or allow overwriting (--overwrite)"));
 }
 
 std::string KindOf(mode_t mode) {

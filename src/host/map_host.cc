@@ -18,6 +18,7 @@
 #include "host/describe.h"
 #include "place/default_vocabulary.h"
 #include "store/map_store.h"
+#include "store/writer_lock.h"
 
 namespace cairn::host {
 namespace {
@@ -305,7 +306,7 @@ absl::StatusOr<std::vector<api::MapSummary>> MapHost::List() {
       summaries.back().status = told;
       const auto held = std::ranges::find(open, name, &OpenMap::name);
       summaries.back().open = held != open.end();
-      summaries.back().writing = held != open.end() && held->writing;
+      summaries.back().writing = held != open.end() ? held->writing : store::WriterLock::IsHeld(FileOf(name));
     }
     return summaries;
   });

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <string>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "inspect/measures.h"
 
 namespace cairn::inspect {
@@ -18,7 +20,25 @@ struct OfPoints {
   std::vector<double> observations, sessions, seconds, error, parallax, depth, found;
 };
 
-OfPoints MeasurePoints(const map::Snapshot& map, SessionId session) {
+// Components of which lengths can be told together; whether these are metres.
+struct SameUnit {
+  std::set<ComponentId> components;
+  bool metres = false;
+};
+
+SameUnit SameUnitOf(const map::Snapshot& map) {
+  SameUnit same;
+  ComponentId largest;
+  for (const ComponentId id : map.LiveComponents()) {
+    if (map.WorldFrom(id)) same.components.insert(id);
+    if (!largest || map.NumKeyframes(id) > map.NumKeyframes(largest)) largest = id;
+  }
+  same.metres = !same.components.empty();
+  if (!same.metres && largest) same.components.insert(largest);
+  return same;
+}
+
+OfPoints MeasurePoints(const map::Snapshot& map, const SameUnit& same_unit, SessionId session) {
   OfPoints of;
   map.points().ForEach([&](const auto& point) {
     const map::Keyframe& reference = map.keyframe(point->reference.keyframe);
@@ -37,7 +57,8 @@ OfPoints MeasurePoints(const map::Snapshot& map, SessionId session) {
     of.seconds.push_back(ToSeconds(last_ns - first_ns));
     if (const auto error = ErrorRmsPx(map, *point)) of.error.push_back(*error);
     of.parallax.push_back(ParallaxDeg(map, *point));
-    of.depth.push_back(PlacedScale(map, reference.component) * (point->position - reference.CenterInMap()).norm());
+    if (same_unit.components.contains(reference.component))
+      of.depth.push_back(PlacedScale(map, reference.component) * (point->position - reference.CenterInMap()).norm());
     if (point->times_visible > 0) of.found.push_back(1.0 * point->times_found / point->times_visible);
   });
   return of;
@@ -74,7 +95,8 @@ Distribution Distribute(std::string name, std::string what, std::vector<double> 
 }
 
 std::vector<Distribution> Statistics(const map::Snapshot& map, SessionId session) {
-  OfPoints of = MeasurePoints(map, session);
+  const SameUnit same_unit = SameUnitOf(map);
+  OfPoints of = MeasurePoints(map, same_unit, session);
   std::vector<double> features, points, covisible, shared, errors;
   map.keyframes().ForEach([&](const auto& keyframe) {
     if (session && keyframe->session != session) return;
@@ -84,12 +106,19 @@ std::vector<Distribution> Statistics(const map::Snapshot& map, SessionId session
     if (!keyframe->covisible.empty()) shared.push_back(keyframe->covisible[0].shared_points);
     if (const auto error = ErrorRmsPx(Measure(map, *keyframe))) errors.push_back(*error);
   });
+  const std::string unit = same_unit.metres ? "m" : "map units";
+  const bool all = same_unit.components.size() == map.LiveComponents().size();
+  Distribution depth = Distribute(
+      "depth",
+      absl::StrCat("of a point from its reference keyframe, ", unit, all ? "" : ", without components in other frames"),
+      std::move(of.depth), false);
+  depth.unit = unit;
   return {Distribute("observations_per_point", "keyframes that see a point", std::move(of.observations), true),
           Distribute("sessions_per_point", "sessions that see a point", std::move(of.sessions), true),
           Distribute("track_s", "from first to last sight in a session", std::move(of.seconds), false),
           Distribute("point_error_px", "reprojection error of a point, RMS", std::move(of.error), false),
           Distribute("parallax_deg", "largest angle between two sights", std::move(of.parallax), false),
-          Distribute("depth", "of a point from its reference keyframe", std::move(of.depth), false),
+          std::move(depth),
           Distribute("found_share", "of the times it was expected", std::move(of.found), false),
           Distribute("features_per_keyframe", "features of a keyframe", std::move(features), true),
           Distribute("points_per_keyframe", "points seen by a keyframe", std::move(points), true),

@@ -33,7 +33,9 @@ absl::Status SqliteMapStore::Copy(const std::string& path, const std::function<a
     CAIRN_RETURN_IF_ERROR(CheckNoCompanion(resolved));
     CAIRN_RETURN_IF_ERROR(CheckFileSystem(resolved));
     CAIRN_ASSIGN_OR_RETURN(const auto lock, WriterLock::Acquire(resolved));
-    if (access(resolved.c_str(), F_OK) == 0) return MakeFault(Fault::kExists, "exists already: choose another name");
+    if (access(resolved.c_str(), F_OK) == 0) {
+      return MakeFault(Fault::kExists, absl::StrCat(path, " exists already: choose another name"));
+    }
     CAIRN_RETURN_IF_ERROR(CopyDatabase(database_.get(), resolved, check));
     return CheckUnchanged();
   };

@@ -188,11 +188,13 @@ void AddExportCommand(CLI::App& app, Action* action) {
       ->required();
   verb->add_option("--format", model->format, "If the name of OUT does not tell it")
       ->check(CLI::IsMember(ModelFormats()));
-  verb->add_option("--images", model->images,
-                   "The sequence that was mapped: undistorted images of its keyframes into OUT/images, gray values for "
-                   "points");
+  verb->add_option(
+      "--images", model->images,
+      "The sequence that was mapped: gray values for points and, where OUT is a folder, undistorted images "
+      "of its keyframes in OUT/images");
   verb->add_option("--camera", model->camera, "Calibration of that sequence, if it has none of its own");
-  verb->add_option("--component", model->component, "Only this one; else all that are aligned, or the largest");
+  verb->add_option("--component", model->component, "Only this one; else all that are aligned, or the largest")
+      ->check(CLI::PositiveNumber);
   verb->add_flag("--overwrite", options->overwrite, "Replace files that exist");
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(

@@ -188,7 +188,8 @@ void PrintSessions(const map::MapOverview& map) {
   for (std::size_t i = left_out; i < sessions.size(); ++i) {
     const auto& [session, keyframes, duration_s] = sessions[i];
     const std::string started = FormatUnixTime(session->started_unix_ns);
-    const char* came_out = keyframes == 0                                    ? ", added nothing"
+    const char* came_out = session->removed                                  ? ", removed since"
+                           : keyframes == 0                                  ? ", added nothing"
                            : session->result == map::SessionResult::kLocated ? ", in an earlier component"
                            : session->result == map::SessionResult::kApart   ? ", joined to no earlier component"
                                                                              : "";

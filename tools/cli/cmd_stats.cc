@@ -29,6 +29,7 @@ struct StatsOptions {
 
 nlohmann::ordered_json DistributionAsJson(const inspect::Distribution& d) {
   nlohmann::ordered_json json = {{"count", d.count}};
+  if (!d.unit.empty()) json["unit"] = d.unit;
   if (d.count == 0) return json;
   json.update({{"min", d.min},
                {"median", d.median},
@@ -129,7 +130,8 @@ void AddStatsCommand(CLI::App& app, Action* action) {
   CLI::App* verb = app.add_subcommand("stats", "How good a map is: track lengths, errors, covisibility, depth");
   auto options = std::make_shared<StatsOptions>();
   verb->add_option("MAP", options->map, "Map file (.cairn), with --server the name of a map there")->required();
-  verb->add_option("--session", options->session, "Only the keyframes and points of this session");
+  verb->add_option("--session", options->session, "Only the keyframes and points of this session")
+      ->check(CLI::PositiveNumber);
   verb->add_option("--histogram", options->histogram, "One distribution, as a histogram");
   verb->add_option("--picture", options->picture, "Draw all of them to this .png or .svg file");
   verb->add_flag("--overwrite", options->overwrite, "Replace the picture if it exists");

@@ -31,16 +31,32 @@ struct Source {
   const ModelExport& options;
 };
 
+// What stands at the head of files that have room for it, as host/export.cc words it.
+std::string Comment(const char* what, const Source& source) {
+  const Reconstruction& model = source.model;
+  const std::string without =
+      model.components_left_out == 0
+          ? ""
+          : absl::StrCat(
+                ", without ", model.keyframes_left_out, " keyframes of ", model.components_left_out,
+                model.components_left_out == 1 ? " component in another frame" : " components in other frames");
+  const std::string frame = model.metric ? ", frame world, metres" : ", frame of the component, map units";
+  return absl::StrCat(what, " of map ", source.map.info().name, ", revision ", source.map.revision(), without, frame);
+}
+
+std::string TimesBeside(const std::string& kitti) {
+  return (std::filesystem::path(kitti).parent_path() / "times.txt").string();
+}
+
 absl::Status WriteText(const ModelExport& options, const std::string& text) {
   return WriteFileAtomically(options.out, text, options.overwrite);
 }
 
 absl::Status WriteKitti(const Source& source) {
   const auto poses = exchange::Trajectory(source.model);
-  const auto folder = std::filesystem::path(source.options.out).parent_path();
-  const std::string times = (folder / "times.txt").string();
   CAIRN_RETURN_IF_ERROR(WriteText(source.options, exchange::KittiText(poses)));
-  return WriteFileAtomically(times, exchange::KittiTimesText(poses), source.options.overwrite);
+  return WriteFileAtomically(TimesBeside(source.options.out), exchange::KittiTimesText(poses),
+                             source.options.overwrite);
 }
 
 absl::Status WritePoints(const Source& source) {
@@ -48,7 +64,7 @@ absl::Status WritePoints(const Source& source) {
   for (const exchange::ModelPoint& point : source.model.points) {
     points.push_back({point.position, point.red, point.green, point.blue});
   }
-  return io::WritePly(source.options.out, points, source.options.overwrite);
+  return io::WritePly(source.options.out, points, source.options.overwrite, Comment("points", source));
 }
 
 absl::Status WriteNerfstudio(const Source& source) {
@@ -71,7 +87,9 @@ const std::map<std::string, Writer>& Writers() {
        }},
       {"nerfstudio", WriteNerfstudio},
       {"tum",
-       [](const Source& s) { return WriteText(s.options, io::FormatTumTrajectory(exchange::Trajectory(s.model))); }},
+       [](const Source& s) {
+         return WriteText(s.options, io::FormatTumTrajectory(exchange::Trajectory(s.model), Comment("keyframes", s)));
+       }},
       {"kitti", WriteKitti},
       {"euroc",
        [](const Source& s) { return WriteText(s.options, exchange::EurocText(exchange::Trajectory(s.model))); }},
@@ -117,7 +135,8 @@ void TellJson(const ModelExport& options, const map::Snapshot& map, const Recons
                {"components_left_out", model.components_left_out},
                {"keyframes_left_out", model.keyframes_left_out},
                {"observations", errors.observations},
-               {"images_written", images},
+               {"images_written", MakesFolder(options.format) ? images : 0},
+               {"images_read", images},
                {"error_rms_px", errors.rms_px},
                {"error_mean_px", errors.mean_px},
                {"error_mean_of_points_px", errors.mean_of_points_px}});
@@ -134,7 +153,11 @@ void Tell(const ModelExport& options, const Reconstruction& model, std::size_t i
         "  without %d keyframes of %d %s (--component ID)\n", model.keyframes_left_out, model.components_left_out,
         model.components_left_out == 1 ? "component in another frame" : "components in other frames"));
   }
-  if (!options.images.empty()) text::Say(absl::StrFormat("  %zu images of keyframes\n", images));
+  if (!options.images.empty()) {
+    text::Say(absl::StrFormat(
+        MakesFolder(options.format) ? "  %zu images of keyframes\n" : "  points have the gray values of %zu images\n",
+        images));
+  }
   text::Say(absl::StrFormat("  reprojection error %.3f px RMS; mean %.3f px over the points, as COLMAP has it\n",
                             errors.rms_px, errors.mean_of_points_px));
 }
@@ -157,6 +180,8 @@ std::string FormatOfName(const std::string& path) {
 
 absl::Status ExportModel(const ModelExport& options) {
   if (!MakesFolder(options.format)) CAIRN_RETURN_IF_ERROR(CheckWritable(options.out, options.overwrite));
+  // Both or none: times of another map beside the poses would be wrong ones.
+  if (options.format == "kitti") CAIRN_RETURN_IF_ERROR(CheckWritable(TimesBeside(options.out), options.overwrite));
   CAIRN_RETURN_IF_ERROR(CheckDistinct({options.out}, {InputFile(options.server, options.map), options.camera}));
   CAIRN_ASSIGN_OR_RETURN(const MapToRead served, MapToRead::Open(options.server, options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> file,

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "cli/component_report.h"
+#include "cli/map_scene.h"
 #include "plot/figures.h"
 
 namespace cairn::cli {
@@ -17,6 +18,7 @@ absl::Status DrawMap(const map::Snapshot& map, const std::string& path, const st
   figure.title = map.info().name;
   figure.metric = !shown.empty() && map.WorldFrom(shown[0]).has_value();
   figure.queries = queries;
+  if (figure.metric) figure.up = UpOf(map, shown);  // the world's axes, where one of them is about upwards
   if (map.LiveComponents().size() > shown.size()) absl::StrAppend(&figure.title, " (", NameComponents(shown), ")");
   map.points().ForEach([&](const auto& point) {
     const ComponentId component = map.keyframe(point->reference.keyframe).component;
