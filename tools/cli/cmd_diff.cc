@@ -150,11 +150,15 @@ void PrintDifference(const DiffOptions& options, const Compared& compared) {
         {absl::StrCat(move.id.value()), absl::StrFormat("%.3g", move.shift), absl::StrFormat("%.3g", move.turn_deg)});
   }
   if (rows.empty()) return;
+  const auto moved = std::ranges::count_if(d.keyframe_moves, [](const auto& move) { return move.shift != 0.0; });
   std::fputs(
       text::TextTable({{"keyframe", false}, {absl::StrCat("moved [", unit, "]"), false}, {"turned [deg]", false}}, rows,
                       "  ")
           .c_str(),
       stdout);
+  if (moved > static_cast<std::ptrdiff_t>(rows.size())) {
+    std::printf("  ... %td more (--limit, --json)\n", moved - static_cast<std::ptrdiff_t>(rows.size()));
+  }
 }
 
 void PrintDifferenceJson(const DiffOptions& options, const Compared& compared) {

@@ -84,9 +84,10 @@ void PrintImport(const ImportCommand& command, const care::ModelImport& imported
                {"aligned", command.options.metric}});
     return;
   }
-  text::Say(absl::StrFormat("%s: %d keyframes of %lld images, %d points, reprojection %.2f px RMSE\n",
-                            text::Shown(command.out), report.keyframes, static_cast<long long>(imported.images),
-                            report.points, report.rmse_px));
+  text::Say(absl::StrFormat(
+      "%s: %d keyframes of %lld images, %d points, reprojection %.2f px RMSE (per axis, as at octave 0)\n",
+      text::Shown(command.out), report.keyframes, static_cast<long long>(imported.images), report.points,
+      report.rmse_px));
   text::Say(absl::StrFormat("  the model's poses explain %.0f %% of the matches; refined by %.2g (median, its unit)\n",
                             100.0 * report.fit.share, report.median_pose_change));
   if (imported.cameras > 1) {

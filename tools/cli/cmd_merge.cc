@@ -73,8 +73,8 @@ void PrintMerge(const MergeCommand& command, const care::Merged& merged) {
     std::fputs(text::Wrapped(told, "  ", "    ").c_str(), stdout);
   }
   if (merged.adjusted_keyframes > 0) {
-    std::printf("  %lld keyframes adjusted: %.2f px\n", static_cast<long long>(merged.adjusted_keyframes),
-                merged.adjustment_rmse_px);
+    std::printf("  %lld keyframes adjusted: %.2f px per axis, as at octave 0\n",
+                static_cast<long long>(merged.adjusted_keyframes), merged.adjustment_rmse_px);
   }
 }
 

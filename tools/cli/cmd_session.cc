@@ -43,9 +43,10 @@ void PrintRemoval(const RemoveOptions& options, const api::SessionRemoval& remov
     text::Say(absl::StrFormat("  component %u was its alone, and is gone\n", id.value()));
   }
   if (removal.adjusted_keyframes > 0) {
-    text::Say(absl::StrFormat("  %lld keyframes of others adjusted: %.2f px, moved by %.2g %% of their depth\n",
-                              static_cast<long long>(removal.adjusted_keyframes), removal.adjustment_rmse_px,
-                              100.0 * removal.median_move_share));
+    text::Say(absl::StrFormat(
+        "  %lld keyframes of others adjusted: %.2f px per axis, as at octave 0; moved by %.2g %% of their depth\n",
+        static_cast<long long>(removal.adjusted_keyframes), removal.adjustment_rmse_px,
+        100.0 * removal.median_move_share));
   }
   text::Say(absl::StrFormat("  revision %llu\n", static_cast<unsigned long long>(removal.revision)));
 }

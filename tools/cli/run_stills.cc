@@ -82,7 +82,7 @@ absl::Status MapStills(const RunOptions& options, InterruptWatch* interrupt) {
                {"images_found_in_map", report.found_in_map},
                {"poses_inverted_fit_share", report.fit.inverted_share}});
   } else {
-    std::printf("%s: %d keyframes with given poses, %d points, reprojection %.2f px RMSE\n",
+    std::printf("%s: %d keyframes with given poses, %d points, reprojection %.2f px RMSE (per axis, as at octave 0)\n",
                 text::Shown(options.map).c_str(), report.keyframes, report.points, report.rmse_px);
     std::printf("  the given poses explain %.0f %% of %d matches between %d pairs of images\n",
                 100.0 * report.fit.share, report.fit.matches, report.fit.pairs);
