@@ -48,7 +48,8 @@ absl::StatusOr<std::optional<care::SelfQueries>> AskBeforeAndAfter(const PruneCo
 
 absl::StatusOr<PruneReport> PlanPrune(const PruneCommand& command, const tracking::MapView& view) {
   PruneReport report;
-  if (command.dry_run || command.options.budget_bytes) {
+  // Where the size is told before it is known, it is tried.
+  if (command.dry_run || command.keep_room || command.options.budget_bytes) {
     CAIRN_ASSIGN_OR_RETURN(report.plan, care::TryPruning(command.map, view.snapshot(), command.options));
   } else {
     CAIRN_ASSIGN_OR_RETURN(const store::MapOverview overview, store::ReadMapOverview(command.map));
