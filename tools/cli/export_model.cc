@@ -154,9 +154,9 @@ void Tell(const ModelExport& options, const Reconstruction& model, std::size_t i
         model.components_left_out == 1 ? "component in another frame" : "components in other frames"));
   }
   if (!options.images.empty()) {
-    text::Say(absl::StrFormat(
-        MakesFolder(options.format) ? "  %zu images of keyframes\n" : "  points have the gray values of %zu images\n",
-        images));
+    const bool written = MakesFolder(options.format);
+    text::Say(absl::StrCat(written ? "  " : "  points have the gray values of ", images,
+                           written ? " images of keyframes\n" : " images\n"));
   }
   text::Say(absl::StrFormat("  reprojection error %.3f px RMS; mean %.3f px over the points, as COLMAP has it\n",
                             errors.rms_px, errors.mean_of_points_px));
