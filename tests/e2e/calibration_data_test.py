@@ -28,7 +28,8 @@ class WrongCalibrations(unittest.TestCase):
         shutil.rmtree(cls.folder)
 
     def located(self, begin, end, focal=1.0, up=0.0):
-        """Of the images between two times: (time, error over sigma, whether the calibration is said not to fit)."""
+        """Of the images between two times: (time, error over sigma, whether the calibration is said not to fit). Those that are
+        refused because it does not fit, which ones of maps that differ a little do, are told as well."""
         camera = self.folder / 'camera.yaml'
         camera.write_text('model: pinhole\nresolution_px: [640, 480]\ndistortion: []\n'
                           f'intrinsics_px: [{525 * focal}, {525 * focal}, 320, {240 + 640 * up}]\n')
@@ -41,6 +42,8 @@ class WrongCalibrations(unittest.TestCase):
             if image['localized'] and abs(time - image['time_s']) < 0.006:
                 rows.append((time, math.dist(position, image['position']) / image['position_sigma'],
                              'focal_factor' in image))
+            elif image.get('reason', '').startswith('the calibration does not fit'):
+                rows.append((time, 0.0, True))
         return rows
 
     def test_none_is_far_off_without_a_word(self):
