@@ -317,6 +317,7 @@ void PrintSummary(const TrackOptions& options, const TrackSummary& summary, std:
     }
     if (!summary.note.empty()) json["note"] = summary.note;
     json["map_damaged"] = summary.map_damaged;
+    if (summary.map_damaged) json["error"] = summary.note;
     PrintJson(json);
     return;
   }
