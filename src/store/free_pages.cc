@@ -14,7 +14,7 @@ namespace cairn::store {
 namespace {
 
 // SQLite's file format, "The Database Header" and "The Freelist".
-constexpr std::size_t kFirstTrunkAt = 32;
+constexpr std::size_t kFirstTrunkAt = 32, kFreeCountAt = 36;
 constexpr std::int64_t kLockByte = 1 << 30;  // its page is never used
 
 absl::Status Report(const FindingSink& sink, absl::string_view message) {
@@ -41,7 +41,8 @@ absl::StatusOr<std::vector<std::uint32_t>> FreePages(Database* database) {
   const std::uint32_t page_bytes = PageBytesOf(header);
   std::vector<std::uint8_t> page(page_bytes);
   std::vector<std::uint32_t> free;
-  for (std::uint32_t trunk = BigEndian32(header.data() + kFirstTrunkAt); trunk != 0;) {
+  const std::uint32_t all = BigEndian32(header.data() + kFreeCountAt);
+  for (std::uint32_t trunk = BigEndian32(header.data() + kFirstTrunkAt); trunk != 0 && free.size() < all;) {
     CAIRN_RETURN_IF_ERROR(database->ReadRaw(page, std::int64_t{page_bytes} * (trunk - 1)));
     free.push_back(trunk);
     const std::size_t count = std::min<std::size_t>(BigEndian32(page.data() + 4), page_bytes / 4 - 2);
