@@ -10,18 +10,6 @@
 namespace cairn::exchange {
 namespace {
 
-std::vector<ComponentId> Chosen(const map::Snapshot& map, ComponentId component) {
-  if (component) return {component};
-  std::vector<ComponentId> aligned;
-  ComponentId largest;
-  for (const ComponentId id : map.LiveComponents()) {
-    if (map.WorldFrom(id)) aligned.push_back(id);
-    if (!largest || map.NumKeyframes(id) > map.NumKeyframes(largest)) largest = id;
-  }
-  if (aligned.empty() && largest) aligned.push_back(largest);
-  return aligned;
-}
-
 ModelImage ToImage(const map::Snapshot& map, const map::Keyframe& keyframe) {
   ModelImage image;
   image.id = keyframe.id.value();
@@ -64,16 +52,13 @@ absl::StatusOr<Reconstruction> FromMap(const map::Snapshot& map, ComponentId com
   if (component && map.NumKeyframes(component) == 0) {
     return absl::NotFoundError(absl::StrCat("the map has no component ", component.value(), " with keyframes"));
   }
-  const std::vector<ComponentId> chosen = Chosen(map, component);
+  const std::vector<ComponentId> chosen =
+      component ? std::vector<ComponentId>{component} : inspect::TogetherInOneFrame(map);
   if (chosen.empty()) return absl::NotFoundError("the map has no keyframes");
   Reconstruction model;
   model.metric = map.WorldFrom(chosen[0]).has_value();
   const auto is_chosen = [&](ComponentId id) { return std::ranges::find(chosen, id) != chosen.end(); };
-  for (const ComponentId id : map.LiveComponents()) {
-    if (is_chosen(id) || map.NumKeyframes(id) == 0) continue;
-    ++model.components_left_out;
-    model.keyframes_left_out += static_cast<std::int64_t>(map.NumKeyframes(id));
-  }
+  model.left_out = inspect::LeftOutBesides(map, chosen);
   map.keyframes().ForEach([&](const auto& keyframe) {
     if (!is_chosen(keyframe->component)) return;
     model.images.push_back(ToImage(map, *keyframe));

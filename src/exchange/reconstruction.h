@@ -10,6 +10,7 @@
 
 #include "base/status.h"
 #include "geometry/camera.h"
+#include "inspect/measures.h"
 #include "map/snapshot.h"
 
 namespace cairn::exchange {
@@ -42,10 +43,8 @@ struct Reconstruction {
   std::map<std::uint32_t, Camera> cameras;
   std::vector<ModelImage> images;  // ascending by id, as the points
   std::vector<ModelPoint> points;
-  bool metric = false;  // the world's lengths are metres
-  // Of the map but not here, as they have frames of their own; keyframes of these.
-  int components_left_out = 0;
-  std::int64_t keyframes_left_out = 0;
+  bool metric = false;        // the world's lengths are metres
+  inspect::LeftOut left_out;  // of the map, but not here
 };
 
 // Which components: the given one, or without any all that are aligned, or else the one with most keyframes.

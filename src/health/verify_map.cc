@@ -69,10 +69,4 @@ absl::StatusOr<VerifyReport> VerifyMap(const std::string& uri, const VerifyOptio
   return report;
 }
 
-std::string Describe(const store::Finding& finding) {
-  if (finding.table.empty()) return finding.message;
-  if (finding.id == 0) return absl::StrCat(finding.table, ": ", finding.message);
-  return absl::StrCat(finding.table, " ", finding.id, ": ", finding.message);
-}
-
 }  // namespace cairn::health

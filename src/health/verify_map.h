@@ -27,7 +27,4 @@ struct VerifyReport {
 // Cairn, it could not be read.
 absl::StatusOr<VerifyReport> VerifyMap(const std::string& uri, const VerifyOptions& options = {});
 
-// "points 17: wrong checksum"
-std::string Describe(const store::Finding& finding);
-
 }  // namespace cairn::health

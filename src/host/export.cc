@@ -5,9 +5,9 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
-#include <set>
 #include <vector>
 
+#include "inspect/measures.h"
 #include "io/ply.h"
 #include "io/trajectory.h"
 #include "map/snapshot.h"
@@ -18,52 +18,35 @@ namespace {
 
 constexpr std::size_t kPartBytes = 1 << 20;
 
-// What can be shown in one frame: all aligned components in the world, or the largest one in its own.
+// What can be shown in one frame.
 struct ExportFrame {
-  std::set<ComponentId> components;
+  std::vector<ComponentId> components;
   bool world = false;
+
+  bool Has(ComponentId id) const { return std::ranges::find(components, id) != components.end(); }
 };
 
 ExportFrame ExportFrameOf(const map::Snapshot& map) {
   ExportFrame frame;
-  ComponentId largest;
-  for (const ComponentId id : map.LiveComponents()) {
-    if (map.WorldFrom(id)) frame.components.insert(id);
-    if (!largest || map.NumKeyframes(id) > map.NumKeyframes(largest)) largest = id;
-  }
-  frame.world = !frame.components.empty();
-  if (!frame.world && largest) frame.components = {largest};
+  frame.components = inspect::TogetherInOneFrame(map);
+  frame.world = !frame.components.empty() && map.WorldFrom(frame.components[0]).has_value();
   return frame;
 }
 
 Sim3 OutFrom(const map::Snapshot& map, ComponentId component) { return map.WorldFrom(component).value_or(Sim3()); }
 
-// ", without 9 keyframes of 2 components in other frames"; empty: all are in this one.
-std::string LeftOut(const map::Snapshot& map, const ExportFrame& frame) {
-  int components = 0;
-  std::int64_t keyframes = 0;
-  for (const ComponentId id : map.LiveComponents()) {
-    if (frame.components.contains(id) || map.NumKeyframes(id) == 0) continue;
-    ++components;
-    keyframes += static_cast<std::int64_t>(map.NumKeyframes(id));
-  }
-  return components == 0
-             ? ""
-             : absl::StrCat(", without ", keyframes, " keyframes of ", components,
-                            components == 1 ? " component in another frame" : " components in other frames");
-}
-
 // What stands at the head of the files.
 std::string Comment(const char* what, const map::Snapshot& map, const ExportFrame& frame) {
-  return absl::StrCat(what, " of map ", map.info().name, ", revision ", map.revision(), LeftOut(map, frame),
-                      frame.world ? ", frame world, metres" : ", frame of the largest component, map units");
+  const std::string without = inspect::LeftOutBesides(map, frame.components).Text();
+  return absl::StrCat(what, " of map ", map.info().name, ", revision ", map.revision(), without.empty() ? "" : ", ",
+                      without, frame.world ? ", frame world, metres" : ", frame of the largest component, map units");
 }
 
 absl::Status WriteTrajectory(const map::Snapshot& map, const std::string& path) {
   const ExportFrame frame = ExportFrameOf(map);
   std::vector<io::StampedPose> poses;
   map.keyframes().ForEach([&](const auto& keyframe) {
-    if (!frame.components.contains(keyframe->component)) return;
+    if (!frame.Has(keyframe->component)) return;
     poses.push_back(
         {keyframe->time_ns, OutFrom(map, keyframe->component).TransformPose(keyframe->camera_from_map.Inverse())});
   });
@@ -79,7 +62,7 @@ absl::Status WritePoints(const map::Snapshot& map, const std::string& path) {
   std::vector<io::ColoredPoint> points;
   map.points().ForEach([&](const auto& point) {
     const ComponentId component = map.keyframe(point->reference.keyframe).component;
-    if (!frame.components.contains(component)) return;
+    if (!frame.Has(component)) return;
     points.push_back({OutFrom(map, component) * point->position});
   });
   if (points.empty()) return absl::FailedPreconditionError("the map has no points");

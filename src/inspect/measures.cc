@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "absl/strings/str_cat.h"
+
 namespace cairn::inspect {
 namespace {
 
@@ -112,6 +114,33 @@ double PlacedScale(const map::Snapshot& map, ComponentId component) {
 
 double AxisAngleDeg(const SE3& a_from_map, const SE3& b_from_map) {
   return AngleDeg(a_from_map.RotationMatrix().row(2).transpose(), b_from_map.RotationMatrix().row(2).transpose());
+}
+
+std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map) {
+  std::vector<ComponentId> together;
+  ComponentId largest;
+  for (const ComponentId id : map.LiveComponents()) {
+    if (map.WorldFrom(id)) together.push_back(id);
+    if (!largest || map.NumKeyframes(id) > map.NumKeyframes(largest)) largest = id;
+  }
+  if (together.empty() && largest) together.push_back(largest);
+  return together;
+}
+
+std::string LeftOut::Text() const {
+  if (components == 0) return "";
+  return absl::StrCat("without ", keyframes, " keyframes of ", components,
+                      components == 1 ? " component in another frame" : " components in other frames");
+}
+
+LeftOut LeftOutBesides(const map::Snapshot& map, const std::vector<ComponentId>& told) {
+  LeftOut left_out;
+  for (const ComponentId id : map.LiveComponents()) {
+    if (std::ranges::find(told, id) != told.end() || map.NumKeyframes(id) == 0) continue;
+    ++left_out.components;
+    left_out.keyframes += static_cast<std::int64_t>(map.NumKeyframes(id));
+  }
+  return left_out;
 }
 
 absl::Status StatusOfRead(const map::Snapshot& map) {

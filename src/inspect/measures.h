@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "base/status.h"
@@ -47,6 +48,19 @@ Vector3d Placed(const map::Snapshot& map, ComponentId component, const Vector3d&
 SE3 PlacedPose(const map::Snapshot& map, const map::Keyframe& keyframe);
 // Length of one map unit in the unit of Placed().
 double PlacedScale(const map::Snapshot& map, ComponentId component);
+
+// Components of which places and lengths can be told together: all that are aligned, or without any the one with most
+// keyframes. Ascending.
+std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map);
+
+// Components with keyframes that are not among `told`, and their keyframes.
+struct LeftOut {
+  int components = 0;
+  std::int64_t keyframes = 0;
+  // "without 9 keyframes of 2 components in other frames"; empty: nothing is left out.
+  std::string Text() const;
+};
+LeftOut LeftOutBesides(const map::Snapshot& map, const std::vector<ComponentId>& told);
 
 // Of what was looked at so far of a map that comes from its file bit by bit: whether all of it could be read. What
 // could not is there all the same, without content that means anything (map/entity_source.h).

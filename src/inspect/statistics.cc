@@ -20,25 +20,7 @@ struct OfPoints {
   std::vector<double> observations, sessions, seconds, error, parallax, depth, found;
 };
 
-// Components of which lengths can be told together; whether these are metres.
-struct SameUnit {
-  std::set<ComponentId> components;
-  bool metres = false;
-};
-
-SameUnit SameUnitOf(const map::Snapshot& map) {
-  SameUnit same;
-  ComponentId largest;
-  for (const ComponentId id : map.LiveComponents()) {
-    if (map.WorldFrom(id)) same.components.insert(id);
-    if (!largest || map.NumKeyframes(id) > map.NumKeyframes(largest)) largest = id;
-  }
-  same.metres = !same.components.empty();
-  if (!same.metres && largest) same.components.insert(largest);
-  return same;
-}
-
-OfPoints MeasurePoints(const map::Snapshot& map, const SameUnit& same_unit, SessionId session) {
+OfPoints MeasurePoints(const map::Snapshot& map, const std::vector<ComponentId>& together, SessionId session) {
   OfPoints of;
   map.points().ForEach([&](const auto& point) {
     const map::Keyframe& reference = map.keyframe(point->reference.keyframe);
@@ -57,7 +39,7 @@ OfPoints MeasurePoints(const map::Snapshot& map, const SameUnit& same_unit, Sess
     of.seconds.push_back(ToSeconds(last_ns - first_ns));
     if (const auto error = ErrorRmsPx(map, *point)) of.error.push_back(*error);
     of.parallax.push_back(ParallaxDeg(map, *point));
-    if (same_unit.components.contains(reference.component))
+    if (std::ranges::find(together, reference.component) != together.end())
       of.depth.push_back(PlacedScale(map, reference.component) * (point->position - reference.CenterInMap()).norm());
     if (point->times_visible > 0) of.found.push_back(1.0 * point->times_found / point->times_visible);
   });
@@ -95,8 +77,8 @@ Distribution Distribute(std::string name, std::string what, std::vector<double> 
 }
 
 std::vector<Distribution> Statistics(const map::Snapshot& map, SessionId session) {
-  const SameUnit same_unit = SameUnitOf(map);
-  OfPoints of = MeasurePoints(map, same_unit, session);
+  const std::vector<ComponentId> together = TogetherInOneFrame(map);
+  OfPoints of = MeasurePoints(map, together, session);
   std::vector<double> features, points, covisible, shared, errors;
   map.keyframes().ForEach([&](const auto& keyframe) {
     if (session && keyframe->session != session) return;
@@ -106,8 +88,8 @@ std::vector<Distribution> Statistics(const map::Snapshot& map, SessionId session
     if (!keyframe->covisible.empty()) shared.push_back(keyframe->covisible[0].shared_points);
     if (const auto error = ErrorRmsPx(Measure(map, *keyframe))) errors.push_back(*error);
   });
-  const std::string unit = same_unit.metres ? "m" : "map units";
-  const bool all = same_unit.components.size() == map.LiveComponents().size();
+  const std::string unit = !together.empty() && map.WorldFrom(together[0]) ? "m" : "map units";
+  const bool all = LeftOutBesides(map, together).components == 0;
   Distribution depth = Distribute(
       "depth",
       absl::StrCat("of a point from its reference keyframe, ", unit, all ? "" : ", without components in other frames"),

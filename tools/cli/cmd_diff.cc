@@ -211,7 +211,7 @@ void PrintDifferenceJson(const DiffOptions& options, const Compared& compared) {
 absl::Status DrawDifference(const DiffOptions& options, const Compared& compared) {
   const map::Snapshot &first = *compared.first, &second = *compared.second;
   const inspect::MapDifference& d = compared.difference;
-  const std::vector<ComponentId> shown = TogetherInOneFrame(first);
+  const std::vector<ComponentId> shown = inspect::TogetherInOneFrame(first);
   const auto is_shown = [&](ComponentId id) { return std::ranges::find(shown, id) != shown.end(); };
   const auto fit_of = [&](ComponentId of_second) {
     const auto fit =

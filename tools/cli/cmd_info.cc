@@ -20,6 +20,7 @@
 #include "cli/session_report.h"
 #include "cli/unix_time.h"
 #include "host/inspect.h"
+#include "inspect/measures.h"
 #include "map/overview.h"
 #include "store/map_store.h"
 #include "text/text.h"
@@ -258,7 +259,7 @@ absl::StatusOr<InfoOfWhole> LookAtAll(const InfoOptions& options, store::MapStor
   if (options.plan) {
     CAIRN_RETURN_IF_ERROR(LookInto(file, /*few=*/true, [&](const map::Snapshot& map) {
       constexpr int kPlanColumns = 72;
-      whole.plan = BraillePlan(map, TogetherInOneFrame(map), kPlanColumns);
+      whole.plan = BraillePlan(map, inspect::TogetherInOneFrame(map), kPlanColumns);
       return absl::OkStatus();
     }));
   }

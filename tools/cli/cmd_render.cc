@@ -9,6 +9,7 @@
 #include "cli/loaded_map.h"
 #include "cli/map_scene.h"
 #include "cli/map_to_read.h"
+#include "inspect/measures.h"
 #include "plot/scene_figure.h"
 #include "text/text.h"
 
@@ -47,7 +48,7 @@ absl::StatusOr<Rendered> Render(const RenderOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const LoadedMap loaded, LoadMap("render", source.path()));
   CAIRN_RETURN_IF_ERROR(RequireKeyframes(options.map, *loaded.map));
   Rendered rendered;
-  rendered.components = TogetherInOneFrame(*loaded.map);
+  rendered.components = inspect::TogetherInOneFrame(*loaded.map);
   if (options.component != 0) {
     const ComponentId id(options.component);
     if (loaded.map->NumKeyframes(id) == 0) {

@@ -5,7 +5,6 @@
 #include "cli/findings.h"
 #include "cli/input_options.h"
 #include "cli/server_option.h"
-#include "health/verify_map.h"
 #include "host/inspect.h"
 #include "text/text.h"
 
@@ -34,10 +33,15 @@ nlohmann::ordered_json AsJson(const api::MapVerification& report, const VerifyOp
   return json;
 }
 
+std::string Describe(const map::Finding& finding) {
+  if (finding.table.empty()) return finding.message;
+  if (finding.id == 0) return absl::StrCat(finding.table, ": ", finding.message);
+  return absl::StrCat(finding.table, " ", finding.id, ": ", finding.message);
+}
+
 void Print(const api::MapVerification& report, const VerifyOptions& options) {
   TellNotes("verify", report.notes);
-  for (const map::Finding& finding : report.findings)
-    std::fputs(WrappedOn(stdout, health::Describe(finding)).c_str(), stdout);
+  for (const map::Finding& finding : report.findings) std::fputs(WrappedOn(stdout, Describe(finding)).c_str(), stdout);
   if (report.findings.empty() && report.summary) {
     const std::string good = absl::StrCat(
         text::Shown(options.map), ": good. Revision ", report.summary->revision, ", ", report.summary->keyframes,

@@ -3,12 +3,13 @@
 #include <algorithm>
 
 #include "cli/component_report.h"
+#include "inspect/measures.h"
 
 namespace cairn::cli {
 
 CommonFrame CommonFrameOf(const map::Snapshot& map) {
   CommonFrame frame;
-  frame.components = TogetherInOneFrame(map);
+  frame.components = inspect::TogetherInOneFrame(map);
   frame.metric = !frame.components.empty() && map.WorldFrom(frame.components[0]).has_value();
   for (const ComponentId component : frame.components) {
     frame.common_from.push_back(map.WorldFrom(component).value_or(Sim3()));

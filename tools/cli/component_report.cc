@@ -166,17 +166,6 @@ void PrintFragments(const std::vector<Fragment>& fragments, const std::string& m
   std::printf("%s", text::Wrapped(text, indent, absl::StrCat(indent, "  ")).c_str());
 }
 
-std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map) {
-  std::vector<ComponentId> together;
-  ComponentId largest;
-  for (const ComponentId id : map.LiveComponents()) {
-    if (map.WorldFrom(id)) together.push_back(id);
-    if (!largest || map.NumKeyframes(id) > map.NumKeyframes(largest)) largest = id;
-  }
-  if (together.empty() && largest) together.push_back(largest);
-  return together;
-}
-
 std::string NameComponents(const std::vector<ComponentId>& ids) {
   return absl::StrCat(
       ids.size() == 1 ? "component " : "components ",

@@ -40,9 +40,6 @@ nlohmann::ordered_json FragmentsAsJson(const std::vector<Fragment>& fragments);
 // What they are and how they are removed; nothing without any. `map`: as a command line names it.
 void PrintFragments(const std::vector<Fragment>& fragments, const std::string& map, const char* indent);
 
-// Those that can be drawn or written together: all that are aligned, or else the one with most keyframes.
-std::vector<ComponentId> TogetherInOneFrame(const map::Snapshot& map);
-
 // "component 2", or "components 1, 3"
 std::string NameComponents(const std::vector<ComponentId>& ids);
 

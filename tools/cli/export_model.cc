@@ -34,14 +34,10 @@ struct Source {
 // What stands at the head of files that have room for it, as host/export.cc words it.
 std::string Comment(const char* what, const Source& source) {
   const Reconstruction& model = source.model;
-  const std::string without =
-      model.components_left_out == 0
-          ? ""
-          : absl::StrCat(
-                ", without ", model.keyframes_left_out, " keyframes of ", model.components_left_out,
-                model.components_left_out == 1 ? " component in another frame" : " components in other frames");
+  const std::string without = model.left_out.Text();
   const std::string frame = model.metric ? ", frame world, metres" : ", frame of the component, map units";
-  return absl::StrCat(what, " of map ", source.map.info().name, ", revision ", source.map.revision(), without, frame);
+  return absl::StrCat(what, " of map ", source.map.info().name, ", revision ", source.map.revision(),
+                      without.empty() ? "" : ", ", without, frame);
 }
 
 std::string TimesBeside(const std::string& kitti) {
@@ -132,8 +128,8 @@ void TellJson(const ModelExport& options, const map::Snapshot& map, const Recons
   json.update({{"cameras", model.cameras.size()},
                {"keyframes", model.images.size()},
                {"points", model.points.size()},
-               {"components_left_out", model.components_left_out},
-               {"keyframes_left_out", model.keyframes_left_out},
+               {"components_left_out", model.left_out.components},
+               {"keyframes_left_out", model.left_out.keyframes},
                {"observations", errors.observations},
                {"images_written", MakesFolder(options.format) ? images : 0},
                {"images_read", images},
@@ -148,10 +144,8 @@ void Tell(const ModelExport& options, const Reconstruction& model, std::size_t i
   text::Say(absl::StrFormat("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out), options.format,
                             model.images.size(), model.points.size(),
                             model.metric ? "the world, metres" : "map units"));
-  if (model.components_left_out > 0) {
-    text::Say(absl::StrFormat(
-        "  without %d keyframes of %d %s (--component ID)\n", model.keyframes_left_out, model.components_left_out,
-        model.components_left_out == 1 ? "component in another frame" : "components in other frames"));
+  if (const std::string without = model.left_out.Text(); !without.empty()) {
+    text::Say(absl::StrCat("  ", without, " (--component ID)\n"));
   }
   if (!options.images.empty()) {
     const bool written = MakesFolder(options.format);

@@ -14,7 +14,7 @@ namespace cairn::cli {
 // on average; an axis of the world if that is near.
 Vector3d UpOf(const map::Snapshot& map, const std::vector<ComponentId>& components);
 
-// The unit of inspect::Placed() for components of TogetherInOneFrame().
+// The unit of inspect::Placed() for components of inspect::TogetherInOneFrame().
 const char* UnitOf(const map::Snapshot& map, const std::vector<ComponentId>& components);
 
 // What colours tell.

@@ -5,13 +5,14 @@
 
 #include "cli/component_report.h"
 #include "cli/map_scene.h"
+#include "inspect/measures.h"
 #include "plot/figures.h"
 
 namespace cairn::cli {
 
 absl::Status DrawMap(const map::Snapshot& map, const std::string& path, const std::vector<SE3>& queries) {
   // Where components lie to each other is known only of those that are aligned.
-  const std::vector<ComponentId> shown = TogetherInOneFrame(map);
+  const std::vector<ComponentId> shown = inspect::TogetherInOneFrame(map);
   const auto is_shown = [&](ComponentId id) { return std::ranges::find(shown, id) != shown.end(); };
   const auto world_from = [&](ComponentId id) { return map.WorldFrom(id).value_or(Sim3()); };
   plot::MapFigure figure;
