@@ -1,8 +1,10 @@
 #include "map/plausibility.h"
 
+#include <algorithm>
 #include <cmath>
-#include <set>
-#include <unordered_set>
+#include <iterator>
+#include <map>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
@@ -39,50 +41,55 @@ WrongCounts CountWrong(const Snapshot& map, const Keyframe& keyframe, double max
   return counts;
 }
 
-void CheckViews(const Snapshot& map, const PlausibilityOptions& options, const Sink& sink) {
-  map.keyframes().ForEach([&](const auto& keyframe) {
-    const WrongCounts counts = CountWrong(map, *keyframe, options.max_error_rad);
-    const int wrong = counts.behind + counts.off;
-    if (wrong < options.min_wrong || wrong < options.max_wrong_share * counts.observations) return;
-    sink({"keyframes", keyframe->id.value(),
-          absl::StrFormat("of the %d points that it observes %d are behind the camera and %d more than %.0f degrees "
-                          "from where they were seen: its pose, camera or points are wrong",
-                          counts.observations, counts.behind, counts.off, options.max_error_rad * 180.0 / M_PI)});
-  });
+void CheckView(const Snapshot& map, const Keyframe& keyframe, const PlausibilityOptions& options, const Sink& sink) {
+  const WrongCounts counts = CountWrong(map, keyframe, options.max_error_rad);
+  const int wrong = counts.behind + counts.off;
+  if (wrong < options.min_wrong || wrong < options.max_wrong_share * counts.observations) return;
+  sink({"keyframes", keyframe.id.value(),
+        absl::StrFormat("of the %d points that it observes %d are behind the camera and %d more than %.0f degrees "
+                        "from where they were seen: its pose, camera or points are wrong",
+                        counts.observations, counts.behind, counts.off, options.max_error_rad * 180.0 / M_PI)});
 }
 
-// Keyframes that hang together with `first` by covisibility or by the spanning tree.
-std::size_t CountLinked(const Snapshot& map, const Keyframe& first, std::unordered_set<KeyframeId>* reached) {
-  std::vector<const Keyframe*> waiting{&first};
-  reached->insert(first.id);
-  std::size_t count = 0;
-  const auto reach = [&](KeyframeId id) {
-    if (id && reached->insert(id).second) waiting.push_back(&map.keyframe(id));
-  };
-  while (!waiting.empty()) {
-    const Keyframe& keyframe = *waiting.back();
-    waiting.pop_back();
-    ++count;
-    reach(keyframe.parent);
-    for (const KeyframeId child : keyframe.children) reach(child);
-    for (const CovisibilityEdge& edge : keyframe.covisible) reach(edge.keyframe);
+// Which keyframes hang together, by covisibility or by the spanning tree: a disjoint-set forest with path
+// halving (Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms", 1984).
+class Links {
+ public:
+  void Take(const Keyframe& keyframe) {
+    if (keyframe.parent) Join(keyframe.id, keyframe.parent);
+    for (const CovisibilityEdge& edge : keyframe.covisible) Join(keyframe.id, edge.keyframe);
+    of_component_[keyframe.component].push_back(keyframe.id);
   }
-  return count;
-}
 
-void CheckComponents(const Snapshot& map, const Sink& sink) {
-  std::unordered_set<KeyframeId> reached;
-  std::set<ComponentId> seen;
-  map.keyframes().ForEach([&](const auto& keyframe) {
-    if (!seen.insert(keyframe->component).second) return;
-    const std::size_t linked = CountLinked(map, *keyframe, &reached);
-    const auto all = static_cast<std::size_t>(map.NumKeyframes(keyframe->component));
-    if (linked == all) return;
-    sink({"components", keyframe->component.value(),
-          absl::StrCat("does not hang together: keyframe ", keyframe->id.value(), " is linked to ", linked - 1,
-                       " of the ", all - 1, " others, so that their places to each other are not known")});
-  });
-}
+  void Check(const Sink& sink) {
+    for (const auto& [component, keyframes] : of_component_) {
+      const KeyframeId first = Top(keyframes.front());
+      const auto linked = std::ranges::count_if(keyframes, [&](KeyframeId id) { return Top(id) == first; });
+      const auto all = std::ssize(keyframes);
+      if (linked == all) continue;
+      sink({"components", component.value(),
+            absl::StrCat("does not hang together: keyframe ", keyframes.front().value(), " is linked to ", linked - 1,
+                         " of the ", all - 1, " others, so that their places to each other are not known")});
+    }
+  }
+
+ private:
+  void Join(KeyframeId a, KeyframeId b) {
+    a = Top(a);
+    above_[a] = Top(b);
+  }
+  KeyframeId Top(KeyframeId id) {
+    while (true) {
+      KeyframeId& above = above_.try_emplace(id, id).first->second;
+      if (above == id) return id;
+      above = above_.at(above);
+      id = above;
+    }
+  }
+
+  std::unordered_map<KeyframeId, KeyframeId> above_;  // itself at the top
+  std::map<ComponentId, std::vector<KeyframeId>> of_component_;
+};
 
 }  // namespace
 
@@ -96,8 +103,12 @@ absl::Status PlausibilityOptions::Validate() const {
 
 absl::Status FindImplausible(const Snapshot& map, const PlausibilityOptions& options, const Sink& sink) {
   CAIRN_RETURN_IF_ERROR(options.Validate());
-  CheckViews(map, options, sink);
-  CheckComponents(map, sink);
+  Links links;
+  ForEachKeyframe(map, options.source_bytes, [&](const Snapshot& around, const Keyframe& keyframe) {
+    CheckView(around, keyframe, options, sink);
+    links.Take(keyframe);
+  });
+  links.Check(sink);
   return absl::OkStatus();
 }
 

@@ -3,6 +3,7 @@
 // over wrong numbers, or a fault of Cairn's own, is found here.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -18,6 +19,8 @@ struct PlausibilityOptions {
   // Shares of wrong observations of one keyframe from which it is told: single bad matches are part of every map.
   double max_wrong_share = 0.2;
   int min_wrong = 10;
+  // Of keyframes and points that come from a source (map/entity_source.h) so much stays in memory.
+  std::size_t source_bytes = std::size_t{32} << 20;
   absl::Status Validate() const;
 };
 
@@ -28,7 +31,7 @@ struct Implausibility {
   std::string message;
 };
 
-// Tells `sink` of everything of that kind. O(map).
+// Tells `sink` of everything of that kind. O(map) in time.
 absl::Status FindImplausible(const Snapshot& map, const PlausibilityOptions& options,
                              const std::function<void(Implausibility)>& sink);
 

@@ -165,6 +165,19 @@ absl::Status Snapshot::CheckConsistency() const {
   return status;
 }
 
+void ForEachKeyframe(const Snapshot& map, std::size_t budget_bytes,
+                     const std::function<void(const Snapshot& map, const Keyframe& keyframe)>& visit) {
+  if (map.entities() == nullptr) {
+    map.keyframes().ForEach([&](const std::shared_ptr<const Keyframe>& keyframe) { visit(map, *keyframe); });
+    return;
+  }
+  std::shared_ptr<const Snapshot> around = map.Anew();
+  for (KeyframeId id(1); id < map.next_keyframe(); id = KeyframeId(id.value() + 1)) {
+    if (around->entities()->bytes() > budget_bytes) around = map.Anew();
+    if (const Keyframe* keyframe = around->keyframes().Find(id)) visit(*around, *keyframe);
+  }
+}
+
 std::vector<KeyframeId> BestCovisible(const Keyframe& keyframe, int max_count, int min_shared) {
   std::vector<KeyframeId> best;
   for (const CovisibilityEdge& edge : keyframe.covisible) {

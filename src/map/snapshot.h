@@ -1,6 +1,8 @@
 // One revision of a map, immutable, shared by any number of readers without locks.
 #pragma once
 
+#include <cstddef>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -109,6 +111,11 @@ class Snapshot {
   SessionId next_session_{1};
   ComponentId next_component_{1};
 };
+
+// Visits all keyframes, ascending, each with a snapshot of the same revision to look around in: of what is looked at in
+// a source, about `budget_bytes` stay in memory. Both are for the time of the visit.
+void ForEachKeyframe(const Snapshot& map, std::size_t budget_bytes,
+                     const std::function<void(const Snapshot& map, const Keyframe& keyframe)>& visit);
 
 // The covisible keyframes with at least `min_shared` points in common, best first, at most `max_count` (0: all). If
 // none reaches `min_shared`, the best one there is.

@@ -1,42 +1,35 @@
 #include "store/content_check.h"
 
 #include <algorithm>
-#include <bitset>
+#include <atomic>
 #include <cmath>
 #include <map>
-#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "base/guarded.h"
+#include "store/checked_keyframe.h"
 #include "store/each_row.h"
 #include "store/map_reader.h"
+#include "store/point_check.h"
 #include "store/ready_check.h"
+#include "store/ready_keyframe_check.h"
 
 namespace cairn::store {
 namespace {
-
-// Points are looked at in so many ranges of ids at most; of each keyframe it is kept in which it observes some.
-constexpr std::size_t kMostRanges = 256;
-constexpr std::uint32_t kFewestIdsPerRange = 1 << 15;
 
 bool IsRigid(const SE3& pose) {
   return pose.translation().allFinite() && pose.rotation().coeffs().allFinite() &&
          std::abs(pose.rotation().norm() - 1.0) < 1e-6;
 }
 
-// What is kept of every keyframe.
-struct KnownKeyframe {
-  ReadyKeyframe head;
-  KeyframeId parent;
-  bool has_features = false, has_points = false;
-  std::bitset<kMostRanges> ranges;  // in which it observes points
-};
-
 class ContentCheck {
  public:
-  ContentCheck(Database* database, const FindingSink& sink)
+  ContentCheck(Database* database, const FindingSink& sink, OfferedWork* shared, Database* beside)
       : database_(database),
+        shared_(shared),
+        beside_(beside),
         sink_([this, &sink](const Finding& finding) {
           ++num_findings_;
           return sink(finding);
@@ -66,11 +59,9 @@ class ContentCheck {
     return sink_(Finding{std::string(table), id, std::string(message)});
   }
 
-  KnownKeyframe* FindKeyframe(std::int64_t id) {
-    const auto at = std::lower_bound(keyframes_.begin(), keyframes_.end(), id, [](const auto& known, std::int64_t key) {
-      return static_cast<std::int64_t>(known.head.id.value()) < key;
-    });
-    return at == keyframes_.end() || static_cast<std::int64_t>(at->head.id.value()) != id ? nullptr : &*at;
+  const CheckedKeyframe* FindKeyframe(std::int64_t id) const { return store::FindKeyframe(keyframes_, id); }
+  CheckedKeyframe* FindKeyframe(std::int64_t id) {
+    return const_cast<CheckedKeyframe*>(std::as_const(*this).FindKeyframe(id));
   }
 
   // --- each row by itself ---
@@ -93,9 +84,8 @@ class ContentCheck {
     CAIRN_RETURN_IF_ERROR(reader_.ReadDescription());
     map_row_ = reader_.map_row();
     cameras_ = reader_.content().cameras;
-    const std::uint64_t per_range = map_row_.next_point.value() / kMostRanges + 1;
-    ids_per_range_ = static_cast<std::uint32_t>(std::max<std::uint64_t>(
-        (per_range + kPointsPerPage - 1) / kPointsPerPage * kPointsPerPage, kFewestIdsPerRange));
+    ranges_ = PointRanges::Of(map_row_.next_point);
+    ranges_.ready = ready_.compares();
     CAIRN_RETURN_IF_ERROR(ReadKeyframes());
     CAIRN_RETURN_IF_ERROR(ReadFeatures());
     CAIRN_RETURN_IF_ERROR(ReadPointIds());
@@ -118,7 +108,7 @@ class ContentCheck {
       if (keyframe.id >= map_row_.next_keyframe) {
         CAIRN_RETURN_IF_ERROR(Report("keyframes", keyframe.id.value(), "an id that was never given"));
       }
-      KnownKeyframe& known = keyframes_.emplace_back();
+      CheckedKeyframe& known = keyframes_.emplace_back();
       known.head = {keyframe.id, keyframe.session, keyframe.camera, keyframe.component, keyframe.camera_from_map, 0};
       known.parent = keyframe.parent;
       return absl::OkStatus();
@@ -129,7 +119,7 @@ class ContentCheck {
     const absl::string_view table = kFeaturesTable.name;
     CAIRN_ASSIGN_OR_RETURN(const std::optional<std::uint32_t> num_words, ReadNumWords(database_));
     const absl::Status read = ForEachRow(kFeaturesTable, [&](const Statement& row, std::int64_t id) -> absl::Status {
-      KnownKeyframe* known = FindKeyframe(id);
+      CheckedKeyframe* known = FindKeyframe(id);
       if (known == nullptr) return Report(table, id, "there is no such keyframe");
       const auto camera = std::ranges::find(cameras_, known->head.camera, &map::MapCamera::id);
       const bool found = camera != cameras_.end();
@@ -145,7 +135,7 @@ class ContentCheck {
       return absl::OkStatus();
     });
     CAIRN_RETURN_IF_ERROR(read);
-    for (const KnownKeyframe& known : keyframes_) {
+    for (const CheckedKeyframe& known : keyframes_) {
       if (!known.has_features) {
         CAIRN_RETURN_IF_ERROR(Report(table, known.head.id.value(), "no good row for the keyframe"));
       }
@@ -158,7 +148,7 @@ class ContentCheck {
     observed_.resize(map_row_.next_point.value());
     std::size_t good = 0;
     CAIRN_RETURN_IF_ERROR(ForEachRow(kKeyframePointsTable, [&](const Statement& row, std::int64_t id) -> absl::Status {
-      KnownKeyframe* known = FindKeyframe(id);
+      CheckedKeyframe* known = FindKeyframe(id);
       if (known == nullptr) return Report(table, id, "there is no such keyframe");
       if (!known->has_features) return absl::OkStatus();
       const auto points = PointIdsFromRow(row, known->head.num_features);
@@ -169,7 +159,7 @@ class ContentCheck {
           return Report(table, id, absl::StrCat("point ", point.value(), " is missing"));
         }
         observed_[point.value()] = true;
-        known->ranges.set(point.value() / ids_per_range_);
+        known->ranges.set(ranges_.RangeOf(point));
       }
       ++good;
       return absl::OkStatus();
@@ -195,8 +185,8 @@ class ContentCheck {
   absl::Status ReadEdges() {
     return ForEach<EdgeRow>(kCovisibilityTable, [&](EdgeRow&& edge) -> absl::Status {
       ++num_edges_;
-      const KnownKeyframe* a = FindKeyframe(edge.a.value());
-      const KnownKeyframe* b = FindKeyframe(edge.b.value());
+      const CheckedKeyframe* a = FindKeyframe(edge.a.value());
+      const CheckedKeyframe* b = FindKeyframe(edge.b.value());
       const auto names = absl::StrCat(edge.a.value(), " - ", edge.b.value());
       if (a == nullptr || b == nullptr) {
         return Report("covisibility", edge.a.value(), absl::StrCat("a keyframe of ", names, " is missing"));
@@ -212,7 +202,7 @@ class ContentCheck {
     CAIRN_ASSIGN_OR_RETURN(const auto heads, reader_.Assemble());
     if (const absl::Status status = heads->CheckConsistency(); !status.ok()) return Report("", 0, status.message());
     if (map_row_.revision == 0 && !keyframes_.empty()) return Report("map", 1, "revision 0, but the map is not empty");
-    for (const KnownKeyframe& known : keyframes_) {
+    for (const CheckedKeyframe& known : keyframes_) {
       const std::int64_t id = known.head.id.value();
       const auto wrong = [&](absl::string_view what) { return Report("keyframes", id, what); };
       if (!heads->sessions().contains(known.head.session)) CAIRN_RETURN_IF_ERROR(wrong("its session is missing"));
@@ -223,7 +213,7 @@ class ContentCheck {
         CAIRN_RETURN_IF_ERROR(wrong("its component has been joined to another"));
       }
       if (!known.parent) continue;
-      const KnownKeyframe* parent = FindKeyframe(known.parent.value());
+      const CheckedKeyframe* parent = FindKeyframe(known.parent.value());
       if (parent == nullptr) {
         CAIRN_RETURN_IF_ERROR(wrong("the parent is missing"));
       } else if (parent->head.component != known.head.component) {
@@ -236,7 +226,7 @@ class ContentCheck {
   absl::Status CheckTree() {
     std::vector<std::uint32_t> visit(keyframes_.size(), 0);  // in which walk up the tree it was met first
     for (std::uint32_t i = 0; i < keyframes_.size(); ++i) {
-      for (const KnownKeyframe* at = &keyframes_[i]; at != nullptr;) {
+      for (const CheckedKeyframe* at = &keyframes_[i]; at != nullptr;) {
         std::uint32_t& met = visit[static_cast<std::size_t>(at - keyframes_.data())];
         if (met == i + 1) return Report("keyframes", 0, "the parents of some keyframes form a circle");
         if (met != 0) break;
@@ -247,117 +237,82 @@ class ContentCheck {
     return absl::OkStatus();
   }
 
-  // With all that observe them. False, and the rest is left, as soon as one is not good by itself.
+  // What one thread has found of the points, and of the pages of keyframes.
+  struct Share {
+    std::map<std::uint32_t, std::vector<Finding>> in_range;
+    std::vector<Finding> in_pages;
+    std::int64_t num_points = 0;
+    std::size_t num_findings = 0;
+    absl::Status status;
+
+    FindingSink To(std::vector<Finding>* findings) {
+      return [this, findings](const Finding& finding) {
+        findings->push_back(finding);
+        return ++num_findings < kMaxFindings ? absl::OkStatus() : absl::ResourceExhaustedError("too many findings");
+      };
+    }
+  };
+
+  // Points with all that observe them, and pages of keyframes, in this thread and in whoever shares in it. False, and
+  // the rest is left, as soon as a point is not good by itself.
   absl::StatusOr<bool> CheckAllPoints() {
     const auto outside = database_->QueryInt(
         absl::StrCat("SELECT EXISTS (SELECT 1 FROM points WHERE id < 0 OR id >= ", map_row_.next_point.value(), ")"));
     if (IsDamaged(outside.status()) || (outside.ok() && *outside != 0)) return false;
     CAIRN_RETURN_IF_ERROR(outside.status());
-    std::int64_t points = 0;
-    for (std::uint32_t range = 0; range * std::uint64_t{ids_per_range_} < map_row_.next_point.value(); ++range) {
-      const std::uint32_t first = range * ids_per_range_;
-      CAIRN_ASSIGN_OR_RETURN(const bool good, ReadRange(first, std::uint64_t{first} + ids_per_range_));
-      if (!good) return false;
-      points += static_cast<std::int64_t>(num_in_range_);
-      CAIRN_RETURN_IF_ERROR(CheckPoints(range, first));
+    Share mine, theirs;
+    const auto work = [this](Database* database, Share* share) {
+      share->status = Guarded([&] { return WorkOn(database, share); });
+      if (!share->status.ok()) give_up_ = true;
+    };
+    if (shared_ == nullptr) {
+      work(database_, &mine);
+    } else {
+      shared_->Share([&] { work(database_, &mine); },
+                     [&] {
+                       if (SeesTheSame(beside_)) work(beside_, &theirs);
+                     });
     }
-    return points == map_row_.point_count;
+    if (!all_sound_) return false;
+    mine.in_range.merge(theirs.in_range);
+    for (const auto& [range, findings] : mine.in_range) CAIRN_RETURN_IF_ERROR(Tell(findings));
+    if (num_findings_ == 0) CAIRN_RETURN_IF_ERROR(Tell(mine.in_pages));
+    if (num_findings_ == 0) CAIRN_RETURN_IF_ERROR(Tell(theirs.in_pages));
+    for (const Share* share : {&mine, &theirs}) {
+      if (share->num_findings < kMaxFindings) CAIRN_RETURN_IF_ERROR(share->status);
+    }
+    return mine.num_points + theirs.num_points == map_row_.point_count;
   }
 
-  // Those of the range of ids that was read.
-  absl::Status CheckPoints(std::uint32_t range, std::uint32_t first) {
-    const std::uint64_t end = std::uint64_t{first} + ids_per_range_;
-    for (const KnownKeyframe& known : keyframes_) {
-      if (known.ranges.test(range)) CAIRN_RETURN_IF_ERROR(TakeObservations(known, first, end));
-    }
-    for (std::size_t i = 0; i < num_in_range_; ++i) {
-      map::MapPoint& point = in_range_[i];
-      const auto reference =
-          std::ranges::find(point.observations, point.reference.keyframe, &map::Observation::keyframe);
-      if (reference != point.observations.end()) {
-        point.reference = *reference;
-      } else {
-        CAIRN_RETURN_IF_ERROR(Report("points", point.id.value(), "the reference keyframe does not observe the point"));
-      }
-    }
-    return num_findings_ > 0 ? absl::OkStatus() : CheckReadyPoints();
-  }
-
-  absl::StatusOr<bool> ReadRange(std::uint32_t first, std::uint64_t end) {
-    place_.assign(ids_per_range_, 0);
-    component_.resize(ids_per_range_);
-    num_in_range_ = 0;
-    CAIRN_ASSIGN_OR_RETURN(Statement rows,
-                           database_->Prepare(kPointsTable.SelectSql("WHERE id >= ? AND id < ? ORDER BY id")));
-    rows.Bind(1, std::int64_t{first});
-    rows.Bind(2, static_cast<std::int64_t>(end));
-    Row row;
-    while (true) {
-      const absl::StatusOr<bool> found = rows.Step();
-      if (IsDamaged(found.status())) return false;
-      CAIRN_RETURN_IF_ERROR(found.status());
-      if (!*found) return true;
-      PointRow value;
-      if (!ReadChecked(rows, &row, &value).ok() || !value.position.allFinite()) return false;
-      if (num_in_range_ == in_range_.size()) in_range_.emplace_back();
-      map::MapPoint& point = in_range_[num_in_range_++];
-      SetFromRow(value, &point);
-      point.observations.clear();
-      component_[num_in_range_ - 1] = ComponentId();
-      place_[value.id.value() - first] = static_cast<std::uint32_t>(num_in_range_);
-    }
-  }
-
-  absl::Status TakeObservations(const KnownKeyframe& known, std::uint32_t first, std::uint64_t end) {
-    CAIRN_ASSIGN_OR_RETURN(const std::vector<PointId> points, PointsOf(known));
-    for (std::uint32_t i = 0; i < points.size(); ++i) {
-      if (!points[i] || points[i].value() < first || points[i].value() >= end) continue;
-      const std::uint32_t place = place_[points[i].value() - first];
-      map::MapPoint* point = place == 0 ? nullptr : &in_range_[place - 1];
-      const bool twice =
-          point != nullptr && !point->observations.empty() && point->observations.back().keyframe == known.head.id;
-      if (point == nullptr || twice) {
-        CAIRN_RETURN_IF_ERROR(
-            Report("keyframe_points", known.head.id.value(),
-                   absl::StrCat("point ", points[i].value(), twice ? " is there twice" : " is missing")));
-        continue;
-      }
-      if (!point->observations.empty() && component_[place - 1] != known.head.component) {
-        CAIRN_RETURN_IF_ERROR(Report("points", point->id.value(), "it is seen from two components"));
-      }
-      component_[place - 1] = known.head.component;
-      point->observations.push_back({known.head.id, i});
-    }
+  absl::Status Tell(const std::vector<Finding>& findings) {
+    for (const Finding& finding : findings) CAIRN_RETURN_IF_ERROR(sink_(finding));
     return absl::OkStatus();
   }
 
-  absl::StatusOr<std::vector<PointId>> PointsOf(const KnownKeyframe& known) {
-    if (!points_of_) {
-      CAIRN_ASSIGN_OR_RETURN(points_of_, database_->Prepare(kKeyframePointsTable.SelectSql("WHERE keyframe = ?")));
+  // Whether the map has not been changed between the beginnings of the two transactions.
+  bool SeesTheSame(Database* other) const {
+    const auto revision = other->QueryInt("SELECT revision FROM map");
+    return revision.ok() && static_cast<Revision>(*revision) == map_row_.revision;
+  }
+
+  // Of what nobody else has begun with.
+  absl::Status WorkOn(Database* database, Share* share) {
+    if (ranges_.ready && !pages_begun_.exchange(true)) {
+      CAIRN_RETURN_IF_ERROR(CheckReadyKeyframes(database, keyframes_, share->To(&share->in_pages)));
     }
-    points_of_->Bind(1, static_cast<std::int64_t>(known.head.id.value()));
-    CAIRN_ASSIGN_OR_RETURN(const bool found, points_of_->Step());
-    if (!found) return absl::DataLossError("a row is gone");
-    auto points = PointIdsFromRow(*points_of_, known.head.num_features);
-    points_of_->Reset();
-    return points;
+    PointCheck check(database, ranges_, keyframes_);
+    while (!give_up_) {
+      const std::uint32_t range = next_range_++;
+      if (range >= ranges_.size()) break;
+      CAIRN_ASSIGN_OR_RETURN(const bool sound, check.Check(range, share->To(&share->in_range[range])));
+      if (!sound) all_sound_ = false;
+      if (!sound) give_up_ = true;
+    }
+    share->num_points = check.num_points();
+    return absl::OkStatus();
   }
 
   // --- what is ready to be queried ---
-
-  absl::Status CheckReadyPoints() {
-    if (!ready_.compares()) return absl::OkStatus();
-    std::vector<const map::MapPoint*> of_page;
-    for (std::size_t i = 0; i < num_in_range_;) {
-      const std::uint32_t page = in_range_[i].id.value() / kPointsPerPage;
-      of_page.clear();
-      for (; i < num_in_range_ && in_range_[i].id.value() / kPointsPerPage == page; ++i) {
-        of_page.push_back(&in_range_[i]);
-      }
-      CAIRN_RETURN_IF_ERROR(ready_.CheckPage(ReadyKind::kPoints, page, PackReadyPoints(of_page)));
-    }
-    return absl::OkStatus();
-  }
 
   absl::Status CheckReady() {
     if (!ready_.compares()) return absl::OkStatus();
@@ -366,89 +321,36 @@ class ContentCheck {
     index.next_keyframe = map_row_.next_keyframe;
     index.next_point = map_row_.next_point;
     for (const map::MapCamera& camera : cameras_) index.focal_px.emplace_back(camera.id, camera.pinhole.fx_px);
-    for (const KnownKeyframe& known : keyframes_) index.AddKeyframe(known.head);
+    for (const CheckedKeyframe& known : keyframes_) index.AddKeyframe(known.head);
     for (std::uint32_t id = 1; id < observed_.size(); ++id) {
       if (observed_[id]) index.AddPoint(PointId(id));
     }
-    CAIRN_RETURN_IF_ERROR(ready_.CheckIndex(std::move(index)));
-    return CheckReadyKeyframes();
+    return ready_.CheckIndex(std::move(index));
   }
 
-  absl::Status CheckReadyKeyframes() {
-    std::vector<std::pair<KeyframeId, KeyframeId>> children;  // behind their parents
-    for (const KnownKeyframe& known : keyframes_) {
-      if (known.parent) children.emplace_back(known.parent, known.head.id);
-    }
-    std::sort(children.begin(), children.end());
-    CAIRN_ASSIGN_OR_RETURN(
-        Statement edges, database_->Prepare(kCovisibilityTable.SelectSql("WHERE keyframe_a = ?1 OR keyframe_b = ?1")));
-    std::vector<std::shared_ptr<map::Keyframe>> of_page;
-    std::uint32_t page = 0;
-    const absl::Status read = ForEach<map::Keyframe>(kKeyframesTable, [&](map::Keyframe&& keyframe) -> absl::Status {
-      const KnownKeyframe* known = FindKeyframe(keyframe.id.value());
-      if (known == nullptr) return absl::OkStatus();
-      if (keyframe.id.value() / kKeyframesPerPage != page) {
-        CAIRN_RETURN_IF_ERROR(CheckKeyframePage(page, &of_page));
-        page = keyframe.id.value() / kKeyframesPerPage;
-      }
-      CAIRN_ASSIGN_OR_RETURN(keyframe.points, PointsOf(*known));
-      CAIRN_RETURN_IF_ERROR(AddNeighbours(&edges, &keyframe));
-      const auto [begin, end] = std::equal_range(children.begin(), children.end(), std::pair(keyframe.id, KeyframeId()),
-                                                 [](const auto& a, const auto& b) { return a.first < b.first; });
-      for (auto child = begin; child != end; ++child) keyframe.children.push_back(child->second);
-      of_page.push_back(std::make_shared<map::Keyframe>(std::move(keyframe)));
-      return absl::OkStatus();
-    });
-    CAIRN_RETURN_IF_ERROR(read);
-    return CheckKeyframePage(page, &of_page);
-  }
-
-  absl::Status CheckKeyframePage(std::uint32_t page, std::vector<std::shared_ptr<map::Keyframe>>* of_page) {
-    std::vector<const map::Keyframe*> keyframes;
-    for (const auto& keyframe : *of_page) keyframes.push_back(keyframe.get());
-    const absl::Status checked = keyframes.empty()
-                                     ? absl::OkStatus()
-                                     : ready_.CheckPage(ReadyKind::kKeyframes, page, PackReadyKeyframes(keyframes));
-    of_page->clear();
-    return checked;
-  }
-
-  static absl::Status AddNeighbours(Statement* edges, map::Keyframe* keyframe) {
-    edges->Bind(1, static_cast<std::int64_t>(keyframe->id.value()));
-    Row row;
-    while (true) {
-      CAIRN_ASSIGN_OR_RETURN(const bool found, edges->Step());
-      if (!found) break;
-      EdgeRow edge;
-      CAIRN_RETURN_IF_ERROR(ReadChecked(*edges, &row, &edge));
-      keyframe->covisible.push_back({edge.a == keyframe->id ? edge.b : edge.a, edge.shared_points});
-    }
-    SortCovisible(keyframe);
-    return absl::OkStatus();
-  }
-
-  Database* database_;
+  Database* const database_;
+  OfferedWork* const shared_;
+  Database* const beside_;
   std::size_t num_findings_ = 0;
   const FindingSink sink_;
   MapReader reader_;
   ReadyCheck ready_;
   MapRow map_row_;
   std::vector<map::MapCamera> cameras_;
-  std::vector<KnownKeyframe> keyframes_;  // ascending
-  std::vector<bool> observed_;            // by id: points that keyframes observe
+  std::vector<CheckedKeyframe> keyframes_;  // ascending
+  std::vector<bool> observed_;              // by id: points that keyframes observe
   std::int64_t num_edges_ = 0;
-  std::uint32_t ids_per_range_ = 0;
-  std::vector<map::MapPoint> in_range_;  // kept, for their room
-  std::size_t num_in_range_ = 0;         // of these
-  std::vector<ComponentId> component_;   // of these: from where they are seen
-  std::vector<std::uint32_t> place_;     // by id from the first of the range on: there, + 1; 0: none
-  std::optional<Statement> points_of_;
+  PointRanges ranges_;
+  std::atomic<std::uint32_t> next_range_ = 0;
+  std::atomic<bool> pages_begun_ = false;
+  std::atomic<bool> all_sound_ = true;  // each point by itself
+  std::atomic<bool> give_up_ = false;
 };
 
 }  // namespace
 
-absl::Status CheckContentByRows(Database* database, const FindingSink& sink) {
-  return ContentCheck(database, sink).Run();
+absl::Status CheckContentByRows(Database* database, const FindingSink& sink, OfferedWork* shared, Database* beside) {
+  return ContentCheck(database, sink, shared, beside).Run();
 }
 
 }  // namespace cairn::store

@@ -22,10 +22,14 @@ std::uint64_t BagPart(std::uint32_t word, std::uint32_t count) {
   return x ^ x >> 31;
 }
 
+absl::Status ReportPage(const FindingSink& sink, ReadyKind kind, std::uint32_t number, absl::string_view message) {
+  return sink(Finding{std::string(kReadyTable), ReadyRowId(kind, number), std::string(message)});
+}
+
 }  // namespace
 
 absl::Status ReadyCheck::Report(ReadyKind kind, std::uint32_t number, absl::string_view message) const {
-  return sink_(Finding{std::string(kReadyTable), ReadyRowId(kind, number), std::string(message)});
+  return ReportPage(sink_, kind, number, message);
 }
 
 absl::Status ReadyCheck::Begin(Revision newest) {
@@ -125,11 +129,16 @@ void ReadyCheck::TakeWords(KeyframeId keyframe, const std::vector<std::uint32_t>
   if (said == bags_.end() || said->second != bag) wrong_.push_back(keyframe);
 }
 
-absl::Status ReadyCheck::CheckPage(ReadyKind kind, std::uint32_t number, const std::string& expected) {
-  const auto page = ReadReadyPage(database_, kind, number);
+absl::Status CheckReadyPage(Database* database, const FindingSink& sink, ReadyKind kind, std::uint32_t number,
+                            const std::string& expected) {
+  const auto page = ReadReadyPage(database, kind, number);
   if (!page.ok()) return absl::OkStatus();  // told already
-  if (!*page) return Report(kind, number, "it is missing");
-  return **page == expected ? absl::OkStatus() : Report(kind, number, "it does not say what the tables say");
+  if (!*page) return ReportPage(sink, kind, number, "it is missing");
+  return **page == expected ? absl::OkStatus() : ReportPage(sink, kind, number, "it does not say what the tables say");
+}
+
+absl::Status ReadyCheck::CheckPage(ReadyKind kind, std::uint32_t number, const std::string& expected) const {
+  return CheckReadyPage(database_, sink_, kind, number, expected);
 }
 
 absl::Status ReadyCheck::CheckIndex(ReadyIndex index) {

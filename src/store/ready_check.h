@@ -27,13 +27,13 @@ class ReadyCheck {
   void TakeWords(KeyframeId keyframe, const std::vector<std::uint32_t>& words);
   absl::Status Finish(const map::Snapshot& map);
 
-  // The same page by page, for who does not have all of the map at once; only if this is so.
+  // The same page by page (CheckReadyPage), for who does not have all of the map at once; only if this is so.
   bool compares() const { return index_.has_value(); }
   // `index`: what it should say, but for the place index.
   absl::Status CheckIndex(ReadyIndex index);
-  absl::Status CheckPage(ReadyKind kind, std::uint32_t number, const std::string& expected);
 
  private:
+  absl::Status CheckPage(ReadyKind kind, std::uint32_t number, const std::string& expected) const;
   absl::Status Report(ReadyKind kind, std::uint32_t number, absl::string_view message) const;
   // Whether there is the table, as it should be.
   absl::StatusOr<bool> CheckTable();
@@ -48,5 +48,9 @@ class ReadyCheck {
   std::unordered_map<KeyframeId, std::uint64_t> bags_;  // what the place index says of each, in short
   std::vector<KeyframeId> wrong_;                       // of which it says something else than their words
 };
+
+// Whether this page, whose checksum is known to be good, says what is `expected`. In any connection.
+absl::Status CheckReadyPage(Database* database, const FindingSink& sink, ReadyKind kind, std::uint32_t number,
+                            const std::string& expected);
 
 }  // namespace cairn::store

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -151,6 +152,28 @@ TEST_F(ReadyMapTest, SaysToTheBitWhatTheTablesSay) {
   EXPECT_TRUE(SameBits(*loaded->newest->Anew(), *map));
   ExpectPlaces(*loaded);
   ExpectGood();
+}
+
+TEST_F(ReadyMapTest, IsGoneThroughWithoutBeingKept) {
+  const SnapshotPtr map = Make(60);
+  const auto loaded = Load();
+  ASSERT_TRUE(loaded);
+  const map::Snapshot& ready = *loaded->ready;
+  std::vector<KeyframeId> seen;
+  std::set<const map::Snapshot*> around;
+  map::ForEachKeyframe(ready, /*budget_bytes=*/20000, [&](const map::Snapshot& at, const map::Keyframe& keyframe) {
+    seen.push_back(keyframe.id);
+    around.insert(&at);
+    for (const PointId point : keyframe.points) {
+      EXPECT_TRUE(!point || at.point(point).position == map->point(point).position);
+    }
+    EXPECT_EQ(&at.keyframe(keyframe.id), &keyframe);
+  });
+  std::vector<KeyframeId> all;
+  map->keyframes().ForEach([&](const auto& keyframe) { all.push_back(keyframe->id); });
+  EXPECT_EQ(seen, all);
+  EXPECT_FALSE(around.contains(&ready));
+  EXPECT_EQ(ready.entities()->bytes(), 0u) << "what was looked at is kept";
 }
 
 TEST_F(ReadyMapTest, AWriterThatCloses) {

@@ -18,9 +18,6 @@
 namespace cairn::store {
 namespace {
 
-// A file that is damaged all over is not described any better by a longer list.
-constexpr std::size_t kMaxFindings = 1000;
-
 // Nobody looks at features once they have gone by.
 class NoFeatures : public map::FeatureReader {
  public:
@@ -32,7 +29,8 @@ class NoFeatures : public map::FeatureReader {
 // One part of what there is to check.
 class Verification {
  public:
-  explicit Verification(Database* database) : database_(database) {}
+  explicit Verification(Database* database, OfferedWork* shared = nullptr, Database* beside = nullptr)
+      : database_(database), shared_(shared), beside_(beside) {}
 
   // SQLite's own structures, and that rows which others refer to are there.
   absl::StatusOr<std::vector<Finding>> OfStructure() {
@@ -94,7 +92,7 @@ class Verification {
     const std::size_t found_before = findings_.size();
     CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
     if (findings_.size() == found_before && CanGoByRows(reader.format(), reader.map_row())) {
-      return CheckContentByRows(database_, Sink());
+      return CheckContentByRows(database_, Sink(), shared_, beside_);
     }
     // Features are checked as they go by; all of them at once would take most of the memory of a large map.
     const auto cache = map::FeatureCache::Create(std::make_unique<NoFeatures>(), /*budget_bytes=*/0);
@@ -117,26 +115,36 @@ class Verification {
   }
 
   Database* database_;
+  OfferedWork* shared_;
+  Database* beside_;
   std::vector<Finding> findings_;
 };
-
-absl::StatusOr<std::vector<Finding>> CheckStructureOf(Database* database) {
-  CAIRN_ASSIGN_OR_RETURN(const Transaction transaction, Transaction::Begin(database, Transaction::Kind::kRead));
-  return Verification(database).OfStructure();
-}
 
 }  // namespace
 
 absl::StatusOr<std::vector<Finding>> VerifyDatabase(Database* database, Database* beside) {
   absl::StatusOr<std::vector<Finding>> structure = absl::InternalError("not looked at");
   absl::StatusOr<std::thread> thread = absl::UnavailableError("no connection");
+  OfferedWork shared;
   if (beside != nullptr) {
+    const auto look = [&]() -> absl::Status {
+      CAIRN_ASSIGN_OR_RETURN(const Transaction transaction, Transaction::Begin(beside, Transaction::Kind::kRead));
+      structure = Verification(beside).OfStructure();
+      if (structure.ok()) shared.Help();
+      return structure.status();
+    };
+    const auto failed = [&](const absl::Status& status) { structure = status; };
     thread = StartThread(
-        "checking the file's structure", [&] { structure = CheckStructureOf(beside); },
-        [&](const absl::Status& failed) { structure = failed; });
+        "checking the file's structure",
+        [&] {
+          if (const absl::Status status = look(); !status.ok()) failed(status);
+        },
+        failed);
   }
-  absl::StatusOr<std::vector<Finding>> content = Guarded([&] { return Verification(database).OfContent(); });
+  absl::StatusOr<std::vector<Finding>> content =
+      Guarded([&] { return Verification(database, thread.ok() ? &shared : nullptr, beside).OfContent(); });
   if (thread.ok()) {
+    shared.End();
     thread->join();
   } else {
     structure = Verification(database).OfStructure();
