@@ -163,6 +163,27 @@ TEST_F(Exchange, TransformsLookBackwards) {
   }
 }
 
+TEST_F(Exchange, JsonSaysWhatTheMapKnowsOfItsKeyframes) {
+  const map::Snapshot& map = *world_.snapshot;
+  const Reconstruction model = *FromMap(map);
+  const auto json = nlohmann::json::parse(ModelJson(model, map));
+  EXPECT_EQ(json["revision"].get<Revision>(), map.revision());
+  ASSERT_EQ(json["sessions"].size(), map.sessions().size());
+  EXPECT_EQ(json["sessions"][0]["source"], map.sessions().begin()->second.source);
+  ASSERT_EQ(json["components"].size(), 1u);
+  const auto& world_from = json["components"][0]["world_from_component"];
+  EXPECT_EQ(world_from.is_null(), !model.metric);
+  if (model.metric) {
+    EXPECT_DOUBLE_EQ(world_from["scale"].get<double>(), map.components().begin()->second.world_from_component->scale());
+  }
+  ASSERT_EQ(json["keyframes"].size(), model.images.size());
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    const map::Keyframe& keyframe = map.keyframe(KeyframeId(model.images[i].id));
+    EXPECT_EQ(json["keyframes"][i]["session"].get<std::uint32_t>(), keyframe.session.value());
+    EXPECT_EQ(json["keyframes"][i]["component"].get<std::uint32_t>(), keyframe.component.value());
+  }
+}
+
 TEST_F(Exchange, EdgesOfG2oAreWhatTheirVerticesSay) {
   const std::string text = G2oText(*FromMap(*world_.snapshot), *world_.snapshot);
   std::map<int, SE3> vertices;

@@ -1,6 +1,7 @@
 #include "exchange/formats.h"
 
 #include <algorithm>
+#include <set>
 #include <unordered_map>
 
 #include "absl/strings/str_format.h"
@@ -54,14 +55,16 @@ std::string KittiTimesText(const std::vector<io::StampedPose>& poses) {
 
 std::string EurocText(const std::vector<io::StampedPose>& poses) {
   std::string text =
-      "#timestamp [ns], p_x [m], p_y [m], p_z [m], q_w [], q_x [], q_y [], q_z [] (world_from_camera: of the camera, "
-      "not "
-      "of a body)\n";
+      "#timestamp [ns], p_x [m], p_y [m], p_z [m], q_w [], q_x [], q_y [], q_z [] "
+      "(world_from_camera: of the camera, not of a body)\n";
   for (const io::StampedPose& pose : poses) {
     const Vector3d& t = pose.world_from_camera.translation();
     const Quaterniond& q = pose.world_from_camera.rotation();
-    absl::StrAppendFormat(&text, "%d,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f\n", pose.time_ns, t.x(), t.y(), t.z(), q.w(),
-                          q.x(), q.y(), q.z());
+    absl::StrAppend(&text, pose.time_ns);
+    for (const double number : {t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z()}) {
+      absl::StrAppend(&text, ",", io::FormatPoseNumber(number));
+    }
+    text += "\n";
   }
   return text;
 }
@@ -124,9 +127,55 @@ std::string G2oText(const Reconstruction& model, const map::Snapshot& map) {
   return text;
 }
 
-std::string ModelJson(const Reconstruction& model) {
-  Json json = {{"frame", model.metric ? "world" : "map"},
+namespace {
+
+Json SessionsAsJson(const std::set<SessionId>& ids, const map::Snapshot& map) {
+  Json sessions = Json::array();
+  for (const SessionId id : ids) {
+    const map::Session& session = map.sessions().at(id);
+    sessions.push_back({{"id", id.value()},
+                        {"source", session.source},
+                        {"camera", session.camera.value()},
+                        {"first_s", ToSeconds(session.first_ns)},
+                        {"last_s", ToSeconds(session.last_ns)},
+                        {"complete", session.complete}});
+  }
+  return sessions;
+}
+
+// `in_world`: the model is; else it is in the frame of its one component, whatever that is aligned to.
+Json ComponentsAsJson(const std::set<ComponentId>& ids, bool in_world, const map::Snapshot& map) {
+  Json components = Json::array();
+  for (const ComponentId id : ids) {
+    const std::optional<Sim3>& world_from = map.WorldFrom(id);
+    Json component = {{"id", id.value()}, {"world_from_component", nullptr}};
+    if (in_world && world_from) {
+      component["world_from_component"] = {{"scale", world_from->scale()},
+                                           {"translation", AsJson(world_from->translation())},
+                                           {"quaternion_xyzw", AsJson(world_from->rotation())}};
+    }
+    components.push_back(std::move(component));
+  }
+  return components;
+}
+
+}  // namespace
+
+std::string ModelJson(const Reconstruction& model, const map::Snapshot& map) {
+  std::set<SessionId> sessions;
+  std::set<ComponentId> components;
+  for (const ModelImage& image : model.images) {
+    const map::Keyframe& keyframe = map.keyframe(KeyframeId(image.id));
+    sessions.insert(keyframe.session);
+    components.insert(keyframe.component);
+  }
+  Json json = {{"map_id", map.info().id},
+               {"name", map.info().name},
+               {"revision", map.revision()},
+               {"frame", model.metric ? "world" : "map"},
                {"unit", model.metric ? "m" : "map units"},
+               {"sessions", SessionsAsJson(sessions, map)},
+               {"components", ComponentsAsJson(components, model.metric, map)},
                {"cameras", Json::array()},
                {"keyframes", Json::array()},
                {"points", Json::array()}};
@@ -147,7 +196,10 @@ std::string ModelJson(const Reconstruction& model) {
         observations.push_back({image.points[i], image.keypoints[i].x(), image.keypoints[i].y()});
       }
     }
+    const map::Keyframe& keyframe = map.keyframe(KeyframeId(image.id));
     json["keyframes"].push_back({{"id", image.id},
+                                 {"session", keyframe.session.value()},
+                                 {"component", keyframe.component.value()},
                                  {"camera", image.camera},
                                  {"name", image.name},
                                  {"time_s", ToSeconds(image.time_ns)},

@@ -27,7 +27,8 @@ std::string TransformsJson(const Reconstruction& model);
 // the identity times the number of points in common.
 std::string G2oText(const Reconstruction& model, const map::Snapshot& map);
 
-// Everything of the model, with what the map knows of it: cameras, images with poses and observations, points.
-std::string ModelJson(const Reconstruction& model);
+// Everything of the model, with what the map knows of it: sessions, components and how they are aligned, cameras,
+// images with poses and observations, points.
+std::string ModelJson(const Reconstruction& model, const map::Snapshot& map);
 
 }  // namespace cairn::exchange

@@ -165,8 +165,16 @@ absl::StatusOr<Trajectory> ReadTrajectory(const std::string& path, bool may_be_e
 std::string FormatTumLine(const StampedPose& pose) {
   const Vector3d& t = pose.world_from_camera.translation();
   const Quaterniond& q = pose.world_from_camera.rotation();
-  return absl::StrFormat("%s %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n", FormatSeconds(pose.time_ns), t.x(), t.y(), t.z(),
-                         q.x(), q.y(), q.z(), q.w());
+  std::string line = FormatSeconds(pose.time_ns);
+  for (const double number : {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}) {
+    absl::StrAppend(&line, " ", FormatPoseNumber(number));
+  }
+  return line + "\n";
+}
+
+std::string FormatPoseNumber(double number) {
+  const bool is_zero = std::abs(number) < 0.5e-9;
+  return absl::StrFormat("%.9f", is_zero ? 0.0 : number);
 }
 
 std::string FormatTumTrajectory(const std::vector<StampedPose>& poses, const std::string& comment) {

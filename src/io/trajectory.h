@@ -52,6 +52,9 @@ struct TrajectoryWriteOptions {
 absl::Status WriteTumTrajectory(const std::string& path, const std::vector<StampedPose>& poses,
                                 const TrajectoryWriteOptions& options = {});
 
+// A coordinate, or a part of a quaternion, as files of poses have it: nine digits, and no zero with a sign.
+std::string FormatPoseNumber(double number);
+
 // One line of it, with its end.
 std::string FormatTumLine(const StampedPose& pose);
 

@@ -252,5 +252,11 @@ TEST(Trajectory, DoesNotOverwriteUnasked) {
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.str()), {}), 1);
 }
 
+TEST(Trajectory, ZeroHasNoSign) {
+  const StampedPose pose{0, SE3(Quaterniond(1, -1e-12, 0, -0.0), Vector3d(-0.4e-9, -0.6e-9, 2))};
+  EXPECT_EQ(FormatTumLine(pose),
+            "0.000000000 0.000000000 -0.000000001 2.000000000 0.000000000 0.000000000 0.000000000 1.000000000\n");
+}
+
 }  // namespace
 }  // namespace cairn::io

@@ -151,6 +151,9 @@ void AddPruneCommand(CLI::App& app, Action* action) {
       "  cairn prune office.cairn --redundancy 0.8 --json");
   verb->callback([=] {
     *action = [=] {
+      if (command->options.min_redundancy == 0.0) {
+        return FailUsage("prune", "--redundancy: 0 is what every keyframe has: all would go", command->json);
+      }
       if (command->budget_mb > 0.0) {
         command->options.budget_bytes = static_cast<std::int64_t>(std::llround(command->budget_mb * 1e6));
       }

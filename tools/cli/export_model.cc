@@ -91,7 +91,7 @@ const std::map<std::string, Writer>& Writers() {
        [](const Source& s) { return WriteText(s.options, exchange::EurocText(exchange::Trajectory(s.model))); }},
       {"g2o", [](const Source& s) { return WriteText(s.options, exchange::G2oText(s.model, s.map)); }},
       {"ply", WritePoints},
-      {"json", [](const Source& s) { return WriteText(s.options, exchange::ModelJson(s.model)); }}};
+      {"json", [](const Source& s) { return WriteText(s.options, exchange::ModelJson(s.model, s.map)); }}};
   return *writers;
 }
 

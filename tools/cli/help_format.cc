@@ -44,12 +44,36 @@ std::string NamesOf(const std::set<CLI::Option*>& options) {
   return absl::StrJoin(names, ", ");
 }
 
-// Lines of prose; what is indented, as examples are, stays as it is.
+// A command that is longer than a line goes on in the next one, as shells have it: broken between its words, and
+// before an option if there is one.
+std::string Command(absl::string_view line) {
+  constexpr absl::string_view kGoesOn = " \\", kIndent = "      ";
+  std::string all, rest(line);
+  while (text::DisplayWidth(rest) > text::kTextColumns) {
+    std::size_t at = std::string::npos;  // of the blank to break at
+    bool at_option = false;
+    char quote = '\0';
+    for (std::size_t i = rest.find_first_not_of(' '); i <= text::kTextColumns - kGoesOn.size(); ++i) {
+      const char c = rest[i];
+      if (c == '"' || c == '\'') quote = quote == '\0' ? c : quote == c ? '\0' : quote;
+      const bool before_option = rest.compare(i, 2, " -") == 0;
+      if (c != ' ' || quote != '\0' || (at_option && !before_option)) continue;
+      at = i;
+      at_option = before_option;
+    }
+    if (at == std::string::npos) break;
+    absl::StrAppend(&all, rest.substr(0, at), kGoesOn, "\n");
+    rest = absl::StrCat(kIndent, rest.substr(at + 1));
+  }
+  return absl::StrCat(all, rest, "\n");
+}
+
+// Lines of prose; what is indented are examples.
 std::string Prose(const std::string& text) {
   std::string all;
   for (const absl::string_view line : absl::StrSplit(text, '\n')) {
     if (line.empty() || line[0] == ' ') {
-      absl::StrAppend(&all, line, "\n");
+      absl::StrAppend(&all, Command(line));
     } else {
       absl::StrAppend(&all, text::Wrapped(line, "", ""));
     }

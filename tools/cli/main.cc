@@ -132,7 +132,9 @@ std::string InPlainNumbers(const CLI::App& app, const std::string& message) {
     return message;
   }
   double number;
-  if (!absl::SimpleAtod(given, &number)) return absl::StrCat(name, ": ", given, " is no number");
+  if (!absl::SimpleAtod(given, &number) || !std::isfinite(number)) {
+    return absl::StrCat(name, ": ", given, " is no number");
+  }
   if (high < 1e300) return absl::StrCat(name, ": ", given, " is not within ", low, " to ", high);
   const CLI::App* verb = &app;
   while (!verb->get_subcommands().empty()) verb = verb->get_subcommands().front();
