@@ -93,18 +93,19 @@ absl::StatusOr<QueryFeatures> ExtractQuery(const map::Snapshot& map, const image
 
 api::LensUse CorrectLens(const map::Snapshot& map, const Camera& camera, const Pinhole& pinhole,
                          image::Features* features) {
-  api::LensUse use = api::LensUse::kNone;
+  bool corrects = false, knows = false;  // some camera's lens; a camera with this calibration
   for (const auto& [id, known] : map.cameras()) {
-    if (!known.lens) continue;
-    use = api::LensUse::kOtherCalibration;
+    corrects = corrects || known.lens;
     if (!map::SameLens(known.model, camera)) continue;
+    knows = true;
+    if (!known.lens) continue;
     // The correction is of directions, so that it holds at any resolution.
     map::MapCamera resized = known;
     resized.pinhole = pinhole;
     map::CorrectKeypoints(resized, features->keypoints);
     return api::LensUse::kCorrected;
   }
-  return use;
+  return corrects && !knows ? api::LensUse::kOtherCalibration : api::LensUse::kNone;
 }
 
 }  // namespace cairn::client

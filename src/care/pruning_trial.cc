@@ -3,11 +3,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <csignal>
 #include <filesystem>
 #include <optional>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/strip.h"
 #include "store/file_paths.h"
 #include "store/map_overview.h"
 #include "store/map_store.h"
@@ -16,25 +20,40 @@ namespace cairn::care {
 namespace {
 
 constexpr int kMaxTrials = 6;
+constexpr absl::string_view kSuffix = ".cairn";
 constexpr double kGoodEnough = 0.005;  // of the budget that is left unused
 
-// A name for copies beside the map; what was made there goes when this does.
+void RemoveAt(const std::string& trial) {
+  std::error_code error;
+  std::filesystem::remove(trial, error);
+  store::RemoveCompanions(trial);
+  std::filesystem::remove(absl::StrCat(trial, store::kLockSuffix), error);
+}
+
+// A name for copies beside the map; what was made there goes when this does, and what processes left there that were
+// killed, when this comes.
 class TrialFile {
  public:
   explicit TrialFile(const std::string& map) {
     const std::filesystem::path path(map);
-    path_ = (path.parent_path() / absl::StrCat(".", path.stem().string(), "-trial-", getpid(), ".cairn")).string();
+    const std::string names = absl::StrCat(".", path.stem().string(), "-trial-");
+    path_ = (path.parent_path() / absl::StrCat(names, getpid(), kSuffix)).string();
+    std::error_code error;
+    const auto folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
+    for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+      const std::string name = entry.path().filename().string();
+      absl::string_view number = name;
+      pid_t process = 0;
+      const bool is_trial = absl::ConsumePrefix(&number, names) && absl::ConsumeSuffix(&number, kSuffix) &&
+                            absl::SimpleAtoi(number, &process) && process > 0;
+      if (is_trial && kill(process, 0) != 0 && errno == ESRCH) RemoveAt(entry.path().string());
+    }
   }
   ~TrialFile() { Remove(); }
   TrialFile(const TrialFile&) = delete;
   TrialFile& operator=(const TrialFile&) = delete;
 
-  void Remove() const {
-    std::error_code error;
-    std::filesystem::remove(path_, error);
-    store::RemoveCompanions(path_);
-    std::filesystem::remove(absl::StrCat(path_, store::kLockSuffix), error);
-  }
+  void Remove() const { RemoveAt(path_); }
   const std::string& path() const { return path_; }
 
  private:

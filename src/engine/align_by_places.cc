@@ -102,6 +102,28 @@ class KnownAligner {
                      " is aligned already: ask to overwrite that (--overwrite) to change it"));
   }
 
+  absl::Status CheckScale(double scale, double relative_sigma) const {
+    if (!Now() || request_.force) return absl::OkStatus();
+    const absl::Status same = CheckScaleAgainst(*Now(), scale, relative_sigma);
+    if (same.ok()) return same;
+    return absl::FailedPreconditionError(absl::StrCat("component ", result_.component.value(), " of ", name_, ": ",
+                                                      same.message(), " (--force aligns all the same)"));
+  }
+
+  // Lengths and gravity say nothing of where a component lies; in the world it would be compared with others.
+  absl::Status CheckAlone() const {
+    if (Now() || request_.force) return absl::OkStatus();
+    for (const ComponentId other : map_.LiveComponents()) {
+      if (other == result_.component || !map_.WorldFrom(other)) continue;
+      return absl::FailedPreconditionError(absl::StrCat(
+          "component ", other.value(), " of ", name_,
+          " is aligned to the world, and distances do not tell where in it ", "component ", result_.component.value(),
+          " lies: use --points or --groundtruth (--force gives it the scale "
+          "all the same, at a place of its own)"));
+    }
+    return absl::OkStatus();
+  }
+
   absl::Status ByPositions() {
     std::vector<Vector3d> world, map;
     for (const KnownPosition& position : known_.positions) {
@@ -114,6 +136,7 @@ class KnownAligner {
     AlignmentOptions options;
     options.min_spread_ratio = 0.01;  // what was measured errs more than that
     CAIRN_ASSIGN_OR_RETURN(const Alignment found, AlignPoints(world, map, options));
+    CAIRN_RETURN_IF_ERROR(CheckScale(found.a_from_b.scale(), found.scale_sigma / found.a_from_b.scale()));
     result_.world_from_component = found.a_from_b;
     result_.rmse_all_m = found.rmse;
     result_.scale_sigma = found.scale_sigma / found.a_from_b.scale();
@@ -150,6 +173,7 @@ class KnownAligner {
           absl::StrCat("component ", result_.component.value(), " of ", name_,
                        " is not aligned, and gravity says nothing of its scale: give a distance as well (--distance)"));
     }
+    CAIRN_RETURN_IF_ERROR(CheckAlone());
     Sim3 world = Now().value_or(Sim3());
     if (!lengths.empty()) CAIRN_RETURN_IF_ERROR(SetScale(lengths, &world));
     result_.world_from_component = Turned(world);
@@ -185,6 +209,7 @@ class KnownAligner {
                           "(--force takes their mean all the same)",
                           name_, 100.0 * result_.scale_sigma));
     }
+    CAIRN_RETURN_IF_ERROR(CheckScale(scale, result_.scale_sigma));
     const double factor = scale / world->scale();
     *world = Sim3(world->rotation(), factor * world->translation(), scale);
     return absl::OkStatus();

@@ -48,4 +48,8 @@ absl::StatusOr<api::ComponentAlignment> AlignByPlaces(const std::string& map, co
 
 void PutAlignment(ComponentId component, const Sim3& world_from_component, map::Edit* edit);
 
+// Whether a new alignment and the one there is can both be right: frames of reference differ in place and rotation, not
+// in size. `relative_sigma`: of `scale`.
+absl::Status CheckScaleAgainst(const Sim3& before, double scale, double relative_sigma);
+
 }  // namespace cairn::engine

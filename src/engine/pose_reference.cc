@@ -25,17 +25,6 @@ std::string HintOfSessions(const map::Snapshot& map) {
   return "";
 }
 
-// Scale says whether two alignments can both be right: frames of reference differ in place and rotation, not in size.
-absl::Status CheckAgainst(const Sim3& before, const PoseAlignment& found) {
-  constexpr double kMaxRatio = 1.1, kMaxSigma = 5.0;
-  const double ratio = found.a_from_b.scale() / before.scale();
-  const double allowed = std::max(std::log(kMaxRatio), kMaxSigma * found.RelativeScaleSigma());
-  if (std::abs(std::log(ratio)) <= allowed) return absl::OkStatus();
-  return absl::FailedPreconditionError(
-      absl::StrFormat("it is aligned already at a scale of %.4g, and this reference would make it %.3g times %s",
-                      before.scale(), std::max(ratio, 1.0 / ratio), ratio > 1.0 ? "larger" : "smaller"));
-}
-
 // Everything that speaks against an alignment, or OK.
 absl::Status Judge(const PoseAlignment& found, const AlignmentTarget& target,
                    const std::vector<AlignmentTarget>& targets, const api::AlignRequest& request) {
@@ -43,7 +32,8 @@ absl::Status Judge(const PoseAlignment& found, const AlignmentTarget& target,
   if (!request.force) {
     if (const absl::Status fits = CheckFits(found); !fits.ok()) reasons.emplace_back(fits.message());
     if (target.world_from_component) {
-      const absl::Status same = CheckAgainst(*target.world_from_component, found);
+      const absl::Status same =
+          CheckScaleAgainst(*target.world_from_component, found.a_from_b.scale(), found.RelativeScaleSigma());
       if (!same.ok()) reasons.emplace_back(same.message());
     }
   }
@@ -123,6 +113,16 @@ api::ComponentAlignment Told(const PoseAlignment& found, const AlignmentTarget& 
 }
 
 }  // namespace
+
+absl::Status CheckScaleAgainst(const Sim3& before, double scale, double relative_sigma) {
+  constexpr double kMaxRatio = 1.1, kMaxSigma = 5.0;
+  const double ratio = scale / before.scale();
+  const double allowed = std::max(std::log(kMaxRatio), kMaxSigma * relative_sigma);
+  if (std::abs(std::log(ratio)) <= allowed) return absl::OkStatus();
+  return absl::FailedPreconditionError(
+      absl::StrFormat("it is aligned already at a scale of %.4g, and this reference would make it %.3g times %s",
+                      before.scale(), std::max(ratio, 1.0 / ratio), ratio > 1.0 ? "larger" : "smaller"));
+}
 
 absl::StatusOr<api::ComponentAlignment> AlignByPoses(const std::string& map, const api::AlignRequest& request,
                                                      map::Edit* edit) {

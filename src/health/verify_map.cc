@@ -61,6 +61,12 @@ absl::Status VerifyDeeply(store::MapStore& store, VerifyReport* report) {
 
 }  // namespace
 
+absl::Status CheckSound(const std::string& uri) {
+  CAIRN_ASSIGN_OR_RETURN(const auto store, store::OpenMapStore(uri, store::OpenMode::kRead));
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<store::Finding> findings, store->Verify());
+  return Annotate(store::StatusOf(findings), absl::StrCat("map ", uri));
+}
+
 absl::StatusOr<VerifyReport> VerifyMap(const std::string& uri, const VerifyOptions& options) {
   VerifyReport report;
   // Damage ends a check, and is what was looked for.

@@ -27,4 +27,7 @@ struct VerifyReport {
 // Cairn, it could not be read.
 absl::StatusOr<VerifyReport> VerifyMap(const std::string& uri, const VerifyOptions& options = {});
 
+// kDamaged if VerifyMap() would find anything: for who is about to change the map for good.
+absl::Status CheckSound(const std::string& uri);
+
 }  // namespace cairn::health

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "io/atomic_file.h"
@@ -172,6 +173,14 @@ std::string FormatTumLine(const StampedPose& pose) {
   return line + "\n";
 }
 
+std::string InOneLine(absl::string_view text) {
+  std::string line(text);
+  for (char& c : line) {
+    if (absl::ascii_iscntrl(static_cast<unsigned char>(c))) c = ' ';
+  }
+  return line;
+}
+
 std::string FormatPoseNumber(double number) {
   const bool is_zero = std::abs(number) < 0.5e-9;
   return absl::StrFormat("%.9f", is_zero ? 0.0 : number);
@@ -179,7 +188,7 @@ std::string FormatPoseNumber(double number) {
 
 std::string FormatTumTrajectory(const std::vector<StampedPose>& poses, const std::string& comment) {
   std::string text;
-  if (!comment.empty()) absl::StrAppend(&text, "# ", comment, "\n");
+  if (!comment.empty()) absl::StrAppend(&text, "# ", InOneLine(comment), "\n");
   absl::StrAppend(&text, "# timestamp_s tx ty tz qx qy qz qw\n");
   for (const StampedPose& pose : poses) text += FormatTumLine(pose);
   return text;

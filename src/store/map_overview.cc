@@ -13,6 +13,7 @@
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/ready_pages.h"
+#include "store/ready_summary.h"
 #include "store/sqlite.h"
 #include "store/tables.h"
 
@@ -92,7 +93,11 @@ class OverviewReader {
     overview_.sessions = reader.content().sessions;
     overview_.components = reader.content().components;
     Summarize(reader.map_row());
-    CAIRN_RETURN_IF_ERROR(CountKeyframes());
+    if (auto ready = ReadReadySummary(database_, reader.map_row().revision)) {
+      overview_.shares = std::move(ready->shares);
+    } else {
+      CAIRN_ASSIGN_OR_RETURN(overview_.shares, CountShares(database_, format_));
+    }
     CAIRN_RETURN_IF_ERROR(Sample());
     CAIRN_RETURN_IF_ERROR(MeasureErrors());
     CAIRN_RETURN_IF_ERROR(ListParts(reader.map_row()));
@@ -111,20 +116,6 @@ class OverviewReader {
     summary.cameras = static_cast<std::int64_t>(overview_.cameras.size());
     summary.sessions = static_cast<std::int64_t>(overview_.sessions.size());
     summary.components = static_cast<std::int64_t>(overview_.components.size());
-  }
-
-  absl::Status CountKeyframes() {
-    CAIRN_ASSIGN_OR_RETURN(Statement rows,
-                           database_->Prepare(absl::StrCat(
-                               "SELECT session, ", format_ >= 4 ? "component" : "0",
-                               ", count(*), min(time_ns), max(time_ns) FROM keyframes GROUP BY 1, 2 ORDER BY 1, 2")));
-    while (true) {
-      CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
-      if (!found) return absl::OkStatus();
-      overview_.shares.push_back({SessionId(static_cast<SessionId::Value>(rows.Int(0))),
-                                  ComponentId(static_cast<ComponentId::Value>(rows.Int(1))), rows.Int(2), rows.Int(3),
-                                  rows.Int(4)});
-    }
   }
 
   // At most so many ids of a table, spread evenly over those there are.

@@ -122,7 +122,12 @@ absl::Status MapReader::ReadDescription() {
     CAIRN_RETURN_IF_ERROR(ReadTable<map::Component>(
         kComponentsTable, [&](map::Component&& value) { rows_.content.components.push_back(std::move(value)); }));
   }
-  return absl::OkStatus();
+  return CheckRowCounts(Counted::kDescription);
+}
+
+absl::Status MapReader::CheckRowCounts(Counted which) {
+  if (rows_.format != kNewestFormat) return absl::OkStatus();
+  return store::CheckRowCounts(database_, rows_.map_row.revision, which, sink_);
 }
 
 absl::Status MapReader::ReadEntities(const FeatureUse& use) {
@@ -304,6 +309,7 @@ absl::Status MapReader::CheckChanges() {
   Revision newest = 0;
   CAIRN_RETURN_IF_ERROR(ReadTable<LoggedChange>(kChangesTable, [&](LoggedChange&& value) { newest = value.revision; }));
   CAIRN_RETURN_IF_ERROR(CheckTouched());
+  CAIRN_RETURN_IF_ERROR(CheckRowCounts(Counted::kLog));
   if (newest == rows_.map_row.revision) return absl::OkStatus();
   return Report("changes", 0, absl::StrCat("ends at revision ", newest, ", the map is at ", rows_.map_row.revision));
 }

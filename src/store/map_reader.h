@@ -11,6 +11,7 @@
 #include "store/blobs.h"
 #include "store/map_assembly.h"
 #include "store/map_store.h"
+#include "store/ready_summary.h"
 #include "store/sqlite.h"
 #include "store/tables.h"
 
@@ -76,6 +77,7 @@ class MapReader {
   // Loops and reported trajectories of the sessions; formats before 2 have none.
   absl::Status ReadTrajectories();
   absl::Status CheckTouched();
+  absl::Status CheckRowCounts(Counted which);
   absl::Status ReadFeatures(const FeatureUse& use);
   absl::Status ReadPointIds(bool features_come_later);
   // Of the points whose descriptor comes from this keyframe, whose features are not kept.

@@ -8,6 +8,7 @@
 #include "place/vocabulary.h"
 #include "store/map_reader.h"
 #include "store/ready_file.h"
+#include "store/ready_summary.h"
 #include "store/ready_writer.h"
 #include "store/row.h"
 
@@ -147,7 +148,17 @@ absl::Status ReadyCheck::CheckIndex(ReadyIndex index) {
                                  absl::StrCat("the place index does not have the words of keyframe ", id.value())));
   }
   index.segments = index_->segments;
-  return CheckPage(ReadyKind::kIndex, 0, index.Pack());
+  CAIRN_RETURN_IF_ERROR(CheckPage(ReadyKind::kIndex, 0, index.Pack()));
+  return CheckSummary();
+}
+
+// Maps that were closed before there was this page have none, or an old one, which nobody asks.
+absl::Status ReadyCheck::CheckSummary() {
+  Revision revision = 0;
+  const auto page = ReadReadyPage(database_, ReadyKind::kSummary, 0, &revision);
+  if (!page.ok() || !*page || revision != index_->revision) return absl::OkStatus();
+  CAIRN_ASSIGN_OR_RETURN(const ReadySummary expected, Summarize(database_));
+  return CheckPage(ReadyKind::kSummary, 0, PackReadySummary(expected));
 }
 
 absl::Status ReadyCheck::Finish(const map::Snapshot& map) {

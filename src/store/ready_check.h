@@ -39,6 +39,7 @@ class ReadyCheck {
   absl::StatusOr<bool> CheckTable();
   absl::Status CheckChecksums();
   absl::Status ReadPlaces();
+  absl::Status CheckSummary();
 
   Database* database_;
   FindingSink sink_;

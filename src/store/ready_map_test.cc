@@ -12,14 +12,17 @@
 #include "place/index.h"
 #include "place/vocabulary.h"
 #include "store/digest.h"
+#include "store/ready_summary.h"
 #include "store/ready_writer.h"
 #include "store/row.h"
 #include "store/sqlite_map_store.h"
+#include "store/table_spec.h"
 #include "store/testing_maps.h"
 
 namespace cairn::store {
 namespace {
 
+using ::testing::Contains;
 using testing::GrowOptions;
 using ::testing::HasSubstr;
 using testing::MapGrower;
@@ -101,6 +104,14 @@ class ReadyMapTest : public ::testing::Test {
     return loaded;
   }
 
+  std::vector<std::string> Verified() {
+    const auto findings = (*SqliteMapStore::OpenReadOnly(path_))->Verify();
+    EXPECT_TRUE(findings.ok()) << findings.status();
+    std::vector<std::string> told;
+    for (const Finding& finding : *findings) told.push_back(absl::StrCat(finding.table, ": ", finding.message));
+    return told;
+  }
+
   // That the file is good, and its ready pages say what the tables say.
   void ExpectGood() {
     const auto findings = (*SqliteMapStore::OpenReadOnly(path_))->Verify();
@@ -152,6 +163,34 @@ TEST_F(ReadyMapTest, SaysToTheBitWhatTheTablesSay) {
   EXPECT_TRUE(SameBits(*loaded->newest->Anew(), *map));
   ExpectPlaces(*loaded);
   ExpectGood();
+}
+
+TEST_F(ReadyMapTest, TheSummaryMissesRowsOfSmallTables) {
+  const SnapshotPtr map = Make(30);
+  const auto shares = [&]() -> std::vector<map::KeyframeShare> {
+    const auto database = *Database::OpenFile(path_, Database::Mode::kReadOnly);
+    const auto summary = ReadReadySummary(database.get(), map->revision());
+    if (!summary) return {};
+    const auto counted = *CountShares(database.get(), kNewestFormat);
+    EXPECT_EQ(PackReadySummary({counted, summary->rows}), PackReadySummary(*summary));
+    EXPECT_EQ(PackReadySummary(*Summarize(database.get())), PackReadySummary(*summary));
+    return summary->shares;
+  };
+  ASSERT_EQ(shares().size(), 1u);
+  EXPECT_EQ(shares()[0].keyframes, 30);
+  ExpectGood();
+  Alter("DELETE FROM touched WHERE revision = 3");
+  EXPECT_THAT(Verified(), Contains(HasSubstr("touched: there are")));
+  const auto store = *SqliteMapStore::OpenReadOnly(path_);
+  EXPECT_TRUE(IsDamaged(store->ReadChangedRows(2).status()));
+  EXPECT_TRUE(store->LoadSnapshot().ok()) << "of what was changed when, it says nothing";
+}
+
+TEST_F(ReadyMapTest, RowsThatDescribeTheMapAreMissedByWhoOpensIt) {
+  Make(30);
+  Alter("PRAGMA foreign_keys = OFF; DELETE FROM sessions");
+  EXPECT_THAT(Verified(), Contains(HasSubstr("sessions: there are 0 rows instead of")));
+  EXPECT_FALSE(Load());
 }
 
 TEST_F(ReadyMapTest, IsGoneThroughWithoutBeingKept) {

@@ -22,7 +22,7 @@
 
 namespace cairn::store {
 
-enum class ReadyKind : std::uint32_t { kIndex = 0, kKeyframes = 1, kPoints = 2, kPlaces = 3 };
+enum class ReadyKind : std::uint32_t { kIndex = 0, kKeyframes = 1, kPoints = 2, kPlaces = 3, kSummary = 4 };
 
 inline constexpr std::uint32_t kKeyframesPerPage = 16;  // ids
 inline constexpr std::uint32_t kPointsPerPage = 256;

@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "store/ready_summary.h"
 #include "store/row.h"
 
 namespace cairn::store {
@@ -54,6 +55,8 @@ absl::Status ReadyPageWriter::Remove(ReadyKind kind, std::uint32_t number) {
 }
 
 absl::Status ReadyPageWriter::Finish(const ReadyIndex& index, bool all) {
+  CAIRN_ASSIGN_OR_RETURN(const ReadySummary summary, Summarize(database_));
+  CAIRN_RETURN_IF_ERROR(Put(ReadyKind::kSummary, 0, PackReadySummary(summary)));
   CAIRN_RETURN_IF_ERROR(Put(ReadyKind::kIndex, 0, index.Pack()));
   if (all) {
     CAIRN_ASSIGN_OR_RETURN(Statement others, database_->Prepare("DELETE FROM ready_pages WHERE revision <> ?"));

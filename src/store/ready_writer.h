@@ -25,7 +25,7 @@ class ReadyPageWriter {
 
   absl::Status Put(ReadyKind kind, std::uint32_t number, absl::string_view content);
   absl::Status Remove(ReadyKind kind, std::uint32_t number);
-  // The last page; `all`: pages that were not put now are removed.
+  // The last pages; `all`: pages that were not put now are removed.
   absl::Status Finish(const ReadyIndex& index, bool all);
 
  private:

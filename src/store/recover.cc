@@ -12,6 +12,7 @@
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/mending.h"
+#include "store/ready_summary.h"
 #include "store/salvage.h"
 #include "store/write_ahead_log.h"
 #include "store/writer_lock.h"
@@ -29,6 +30,7 @@ class Recovery {
   absl::StatusOr<RecoverReport> Run(const std::string& bad, const std::string& good) {
     CAIRN_RETURN_IF_ERROR(Salvage(bad));
     CAIRN_RETURN_IF_ERROR(ReadWhatIsLeft());
+    CAIRN_RETURN_IF_ERROR(CountWhatIsLeft(bad));
     if (rows_.map_row.info.id.empty()) CAIRN_RETURN_IF_ERROR(MakeUpMapRow(bad));
     CAIRN_RETURN_IF_ERROR(MendRows());
     ChooseVocabulary();
@@ -66,6 +68,23 @@ class Recovery {
     CAIRN_ASSIGN_OR_RETURN(changes_, ReadLog(std::move(log)));
     expected_keyframes_ = rows_.map_row.info.id.empty() ? -1 : rows_.map_row.keyframe_count;
     expected_points_ = rows_.map_row.info.id.empty() ? -1 : rows_.map_row.point_count;
+    return absl::OkStatus();
+  }
+
+  // Of small tables whose rows nothing else refers to, if the file still says how many there were.
+  absl::Status CountWhatIsLeft(const std::string& bad) {
+    const auto resolved = ResolveExisting(bad);
+    if (!resolved.ok() || HasContent(absl::StrCat(*resolved, kLogSuffix))) return absl::OkStatus();
+    const auto database = Database::OpenFile(*resolved, Database::Mode::kImmutable);
+    if (!database.ok()) return absl::OkStatus();
+    const std::optional<ReadySummary> summary = ReadReadySummary(database->get(), rows_.map_row.revision);
+    if (!summary || rows_.format != kNewestFormat) return absl::OkStatus();
+    for (const Counted which : {Counted::kDescription, Counted::kLog}) {
+      CAIRN_RETURN_IF_ERROR(CompareRowCounts(*summary, salvaged_.rows.get(), which, [this](const Finding& finding) {
+        if (report_.findings.size() < kMaxFindings) report_.findings.push_back(finding);
+        return absl::OkStatus();
+      }));
+    }
     return absl::OkStatus();
   }
 

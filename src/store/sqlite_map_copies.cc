@@ -18,6 +18,13 @@ absl::Status VerifyCopy(Database* copy) {
   return StatusOf(findings);
 }
 
+// SQLite takes pages that are not in the file for a file that cannot grow.
+absl::Status OrDamage(const absl::Status& copied, Database* database) {
+  if (FaultOf(copied) != Fault::kFull) return copied;
+  const absl::Status sound = VerifyCopy(database);
+  return IsDamaged(sound) ? sound : copied;
+}
+
 }  // namespace
 
 absl::Status SqliteMapStore::CopyTo(const std::string& path) { return Copy(path, {}); }
@@ -36,7 +43,7 @@ absl::Status SqliteMapStore::Copy(const std::string& path, const std::function<a
     if (access(resolved.c_str(), F_OK) == 0) {
       return MakeFault(Fault::kExists, absl::StrCat(path, " exists already: choose another name"));
     }
-    CAIRN_RETURN_IF_ERROR(CopyDatabase(database_.get(), resolved, check));
+    CAIRN_RETURN_IF_ERROR(OrDamage(CopyDatabase(database_.get(), resolved, check), database_.get()));
     return CheckUnchanged();
   };
   return Annotate(Annotated(copy()), absl::StrCat("copying to ", path));
@@ -44,7 +51,7 @@ absl::Status SqliteMapStore::Copy(const std::string& path, const std::function<a
 
 absl::Status SqliteMapStore::Compact() {
   CAIRN_RETURN_IF_ERROR(Annotated(RequireWritable()));
-  CAIRN_RETURN_IF_ERROR(Annotated(database_->Execute("VACUUM")));
+  CAIRN_RETURN_IF_ERROR(Annotated(OrDamage(database_->Execute("VACUUM"), database_.get())));
   return Annotated(database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
 }
 

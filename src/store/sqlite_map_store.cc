@@ -390,6 +390,9 @@ absl::StatusOr<std::optional<map::ChangedRows>> SqliteMapStore::ReadChangedRows(
   auto read = [&]() -> absl::StatusOr<std::optional<map::ChangedRows>> {
     CAIRN_ASSIGN_OR_RETURN(const Transaction transaction,
                            Transaction::Begin(database_.get(), Transaction::Kind::kRead));
+    MapReader reader(database_.get(), DamagedBy);
+    CAIRN_RETURN_IF_ERROR(reader.ReadInfo());
+    CAIRN_RETURN_IF_ERROR(CheckRowCounts(database_.get(), reader.map_row().revision, Counted::kLog, DamagedBy));
     CAIRN_ASSIGN_OR_RETURN(auto rows, store::ReadChangedRows(database_.get(), since));
     CAIRN_RETURN_IF_ERROR(CheckUnchanged());
     return rows;

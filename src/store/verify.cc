@@ -4,6 +4,8 @@
 #include <thread>
 #include <utility>
 
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 #include "base/guarded.h"
 #include "store/content_check.h"
 #include "store/digest.h"
@@ -73,7 +75,11 @@ class Verification {
       CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
       if (!found) return absl::OkStatus();
       if (rows.Text(0) == "ok") continue;
-      CAIRN_RETURN_IF_ERROR(Sink()(Finding{"", 0, absl::StrCat("SQLite: ", rows.Text(0))}));
+      absl::string_view found_there = rows.Text(0);
+      absl::ConsumePrefix(&found_there, "*** in database main ***\n");
+      for (const absl::string_view line : absl::StrSplit(found_there, '\n', absl::SkipEmpty())) {
+        CAIRN_RETURN_IF_ERROR(Sink()(Finding{"", 0, absl::StrCat("SQLite: ", line)}));
+      }
     }
   }
 
@@ -126,21 +132,14 @@ absl::StatusOr<std::vector<Finding>> VerifyDatabase(Database* database, Database
   absl::StatusOr<std::vector<Finding>> structure = absl::InternalError("not looked at");
   absl::StatusOr<std::thread> thread = absl::UnavailableError("no connection");
   OfferedWork shared;
-  if (beside != nullptr) {
-    const auto look = [&]() -> absl::Status {
-      CAIRN_ASSIGN_OR_RETURN(const Transaction transaction, Transaction::Begin(beside, Transaction::Kind::kRead));
-      structure = Verification(beside).OfStructure();
-      if (structure.ok()) shared.Help();
-      return structure.status();
-    };
-    const auto failed = [&](const absl::Status& status) { structure = status; };
-    thread = StartThread(
-        "checking the file's structure",
-        [&] {
-          if (const absl::Status status = look(); !status.ok()) failed(status);
-        },
-        failed);
-  }
+  const auto failed = [&](const absl::Status& status) { structure = status; };
+  const auto look = [&] {
+    const auto transaction = Transaction::Begin(beside, Transaction::Kind::kRead);
+    if (!transaction.ok()) return failed(transaction.status());
+    structure = Verification(beside).OfStructure();
+    if (structure.ok()) shared.Help();
+  };
+  if (beside != nullptr) thread = StartThread("checking the file's structure", look, failed);
   absl::StatusOr<std::vector<Finding>> content =
       Guarded([&] { return Verification(database, thread.ok() ? &shared : nullptr, beside).OfContent(); });
   if (thread.ok()) {
@@ -160,7 +159,9 @@ absl::StatusOr<std::vector<Finding>> VerifyDatabase(Database* database, Database
 
 absl::Status StatusOf(const std::vector<Finding>& findings) {
   if (findings.empty()) return absl::OkStatus();
-  const std::string more = findings.size() > 1 ? absl::StrCat(", and ", findings.size() - 1, " more findings") : "";
+  const absl::string_view at_least = findings.size() < kMaxFindings ? "" : " at least";
+  const std::string more =
+      findings.size() > 1 ? absl::StrCat(", and", at_least, " ", findings.size() - 1, " more findings") : "";
   return MakeFault(Fault::kDamaged, absl::StrCat(DamagedBy(findings[0]).message(), more,
                                                  " (cairn verify lists them, cairn recover saves what is good)"));
 }

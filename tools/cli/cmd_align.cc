@@ -151,8 +151,8 @@ void AddOptions(CLI::App* verb, const std::shared_ptr<AlignOptions>& options) {
       ->capture_default_str();
   verb->add_flag("--overwrite", options->overwrite, "Replace an alignment that the component has, or the map's --geo");
   verb->add_flag("--force", options->force,
-                 "Align although many poses do not fit, few keyframes have one, or the scale is not that of the "
-                 "alignment there is");
+                 "Align although many poses do not fit, few keyframes have one, the scale is not that of the "
+                 "alignment there is, or a distance does not tell where in the world the component lies");
   verb->add_flag("--json", options->json, "Answer in JSON");
 }
 

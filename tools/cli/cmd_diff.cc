@@ -327,7 +327,7 @@ absl::Status RunSince(const DiffOptions& options) {
   PrintIds("sessions added or changed", rows->sessions, options.limit);
   PrintIds("components added or changed", rows->components, options.limit);
   PrintIds("keyframes added or changed", keyframes_put, options.limit);
-  PrintIds("keyframes removed", keyframes_gone, options.limit);
+  PrintIds("keyframes gone, also such as had come since", keyframes_gone, options.limit);
   std::printf("  points: %zu added or changed, %zu removed\n", points_put.size(), points_gone.size());
   return absl::OkStatus();
 }

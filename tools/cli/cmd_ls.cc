@@ -5,7 +5,10 @@
 #include <map>
 #include <memory>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
+#include "api/map_service.h"
 #include "cli/cli.h"
 #include "cli/described_map.h"
 #include "cli/loaded_map.h"
@@ -108,9 +111,27 @@ inspect::Listing ListingOf(const std::vector<api::MapSummary>& maps) {
   return listing;
 }
 
+// Maps in a folder that a server could not name.
+std::vector<std::string> WithoutName(const std::string& folder) {
+  std::vector<std::string> files;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(folder.empty() ? "." : folder, error)) {
+    const std::string file = entry.path().filename().string();
+    absl::string_view name = file;
+    if (!absl::StartsWith(file, ".") && absl::ConsumeSuffix(&name, ".cairn") &&
+        !api::CheckMapName(std::string(name)).ok()) {
+      files.push_back(file);
+    }
+  }
+  std::ranges::sort(files);
+  return files;
+}
+
 absl::Status ListMaps(const LsOptions& options) {
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<api::MapService> service, OpenService(options));
   CAIRN_ASSIGN_OR_RETURN(const std::vector<api::MapSummary> maps, service->List());
+  const std::vector<std::string> unnamed =
+      options.server.empty() ? WithoutName(options.path) : std::vector<std::string>();
   inspect::Listing listing = ListingOf(maps);
   inspect::ListingQuery query = options.query;
   query.sort = options.sort.empty() ? "name" : options.sort;
@@ -121,6 +142,11 @@ absl::Status ListMaps(const LsOptions& options) {
     } else {
       PrintListing(listing);
     }
+    for (const std::string& file : unnamed) {
+      text::Say(absl::StrCat(text::Shown(file),
+                             ": not listed, as no map of a server can have this name (letters, "
+                             "digits, ., - and _)\n"));
+    }
     return absl::OkStatus();
   }
   nlohmann::ordered_json json = nlohmann::ordered_json::array();
@@ -128,7 +154,7 @@ absl::Status ListMaps(const LsOptions& options) {
     const auto map = std::ranges::find(maps, row[0].text, &api::MapSummary::name);
     json.push_back(SummaryAsJson(*map));
   }
-  PrintJson({{"maps", json}, {"total", listing.total}});
+  PrintJson({{"maps", json}, {"total", listing.total}, {"files_not_listed", unnamed}});
   return absl::OkStatus();
 }
 

@@ -8,6 +8,7 @@
 #include "cli/loaded_map.h"
 #include "cli/self_query_report.h"
 #include "engine/live_map.h"
+#include "health/verify_map.h"
 #include "store/map_overview.h"
 #include "text/text.h"
 
@@ -74,6 +75,7 @@ absl::StatusOr<PruneReport> RunPrune(const PruneCommand& command) {
     CAIRN_ASSIGN_OR_RETURN(const auto view, loaded.View());
     return PlanPrune(command, *view);
   }
+  CAIRN_RETURN_IF_ERROR(health::CheckSound(command.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::LiveMap> live, engine::LiveMap::Open(command.map));
   PruneReport report;
   {
@@ -83,7 +85,13 @@ absl::StatusOr<PruneReport> RunPrune(const PruneCommand& command) {
   }
   CAIRN_RETURN_IF_ERROR(live->Close());
   if (!command.keep_room) {
-    CAIRN_ASSIGN_OR_RETURN(report.bytes_after, CompactMap(command.map));
+    const absl::StatusOr<std::int64_t> compacted = CompactMap(command.map);
+    if (!compacted.ok()) {
+      return Annotate(compacted.status(), absl::StrCat(report.plan.keyframes,
+                                                       " keyframes are gone, but the file could "
+                                                       "not be compacted (cairn compact)"));
+    }
+    report.bytes_after = *compacted;
   }
   return report;
 }

@@ -8,6 +8,7 @@
 #include "cli/map_to_read.h"
 #include "cli/server_option.h"
 #include "engine/live_map.h"
+#include "health/verify_map.h"
 #include "text/text.h"
 
 namespace cairn::cli {
@@ -22,6 +23,7 @@ struct RemoveOptions {
 
 absl::StatusOr<api::SessionRemoval> RemoveFromFile(const RemoveOptions& options) {
   TellLogDamage("session", options.server, options.map);
+  CAIRN_RETURN_IF_ERROR(health::CheckSound(options.map));
   CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<engine::LiveMap> live, engine::LiveMap::Open(options.map));
   CAIRN_ASSIGN_OR_RETURN(const api::SessionRemoval removal,
                          care::RemoveSession(options.map, SessionId(options.session), *live));

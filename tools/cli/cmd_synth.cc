@@ -108,7 +108,9 @@ void AddSynthMapCommand(CLI::App* synth, Action* action) {
   auto options = std::make_shared<Options>();
   verb->add_option("--like", options->copies.like, "The map whose components are copied")->required();
   verb->add_option("--out", options->out, "Map file to write")->required();
-  verb->add_option("--keyframes", options->copies.keyframes, "At least so many")->capture_default_str();
+  verb->add_option("--keyframes", options->copies.keyframes, "At least so many")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
   verb->add_flag("--alike{false}", options->copies.other_places,
                  "The copies look alike but for the flipped bits; if not given, like other places");
   verb->add_option("--flipped-bits", options->copies.flipped_bits,

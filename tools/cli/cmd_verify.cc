@@ -13,6 +13,8 @@ namespace {
 
 using text::WrappedOn;
 
+constexpr std::size_t kMany = 1000;  // findings: checking ends with so many
+
 struct VerifyOptions {
   std::string map;
   ServerChoice server;
@@ -52,7 +54,8 @@ void Print(const api::MapVerification& report, const VerifyOptions& options) {
   }
   const std::string file = options.server.empty() ? options.map : absl::StrCat("MAPS/", options.map, ".cairn");
   const std::string damaged =
-      absl::StrCat(text::Shown(options.map), ": DAMAGED, ", report.findings.size(), " finding",
+      absl::StrCat(text::Shown(options.map), ": DAMAGED, ", report.findings.size() < kMany ? "" : "at least ",
+                   report.findings.size(), " finding",
                    report.findings.size() == 1 ? "" : "s", ". Keep the file as it is, and get back what is good with",
                    options.server.empty() ? "" : ", where the server keeps it", ":");
   std::fputs(WrappedOn(stdout, damaged).c_str(), stdout);

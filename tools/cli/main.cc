@@ -154,9 +154,15 @@ std::string EmptyValue(const std::vector<std::string>& arguments) {
   return "";
 }
 
-// A number that is none passes every range that options are checked against.
+// A number that is none passes every range that options are checked against, and one without a sign takes a negative
+// one for a large one.
 std::string NotANumber(const CLI::App& app) {
   for (const CLI::Option* option : app.get_options()) {
+    if (absl::StartsWith(option->get_type_name(), "UINT")) {
+      for (const std::string& given : option->results()) {
+        if (absl::StartsWith(given, "-")) return absl::StrCat(option->get_name(), ": ", given, " is less than 0");
+      }
+    }
     if (!absl::StartsWith(option->get_type_name(), "FLOAT")) continue;
     for (const std::string& given : option->results()) {
       double number = 0.0;
