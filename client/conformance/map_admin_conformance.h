@@ -279,6 +279,8 @@ TEST_P(MapAdminConformance, ScalesAMapByAKnownDistance) {
   request.by = known;
   EXPECT_EQ(service_->Align("room", request).status().code(), absl::StatusCode::kAlreadyExists);
   request.overwrite = true;
+  EXPECT_EQ(service_->Align("room", request).status().code(), absl::StatusCode::kFailedPrecondition) << "another scale";
+  request.force = true;
   const auto answer = service_->Align("room", request);
   ASSERT_TRUE(answer.ok()) << answer.status();
   ASSERT_TRUE(answer->component);

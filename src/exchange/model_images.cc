@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <set>
+#include <string>
 
 #include "base/files.h"
 #include "io/image_codecs.h"
@@ -28,11 +30,14 @@ absl::StatusOr<ModelImages> ModelImages::Create(const map::Snapshot& map, const 
   }
   if (images.images_.empty()) {
     std::string sources;
-    for (const auto& [id, session] : map.sessions()) {
-      absl::StrAppend(&sources, sources.empty() ? "" : ", ", "\"", session.source, "\"");
+    std::set<std::string> names;
+    for (const ModelImage& image : model.images) {
+      names.insert(map.sessions().at(map.keyframe(KeyframeId(image.id)).session).source);
     }
-    return absl::NotFoundError(
-        absl::StrCat("no keyframe comes from the sequence \"", sequence, "\"; the map was made from ", sources));
+    for (const std::string& name : names) absl::StrAppend(&sources, sources.empty() ? "" : ", ", "\"", name, "\"");
+    return absl::NotFoundError(absl::StrCat("no keyframe that is exported comes from the sequence \"", sequence,
+                                            "\"; they come from ", sources,
+                                            " (others may be in another component: --component)"));
   }
   std::error_code error;
   if (!folder.empty()) std::filesystem::create_directories(folder, error);

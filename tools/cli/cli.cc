@@ -4,6 +4,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_split.h"
+#include "cli/map_to_read.h"
 #include "cli/usage_error.h"
 #include "store/fault.h"
 #include "text/text.h"
@@ -39,7 +40,8 @@ std::string FaultOf(const absl::Status& status) {
 
 int Fail(const std::string& verb, const absl::Status& status, bool json) {
   const int code = ExitCodeOf(status);
-  absl::string_view message = status.message();
+  const std::string named = NamedAsServed(status.message());
+  absl::string_view message = named;
   absl::ConsumePrefix(&message, absl::StrCat(verb, ": "));  // where it came from may have said so already
   if (status.GetPayload(kUsageMark)) return FailUsage(verb, std::string(message), json);
   if (json) {

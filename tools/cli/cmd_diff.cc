@@ -220,8 +220,6 @@ absl::Status DrawDifference(const DiffOptions& options, const Compared& compared
   };
   plot::SceneFigure figure;
   figure.title = absl::StrCat(first.info().name, ": what has changed");
-  figure.subtitle = absl::StrFormat("%d keyframes kept, %d added, %d removed", d.keyframes_kept,
-                                    d.keyframes_added.size(), d.keyframes_removed.size());
   figure.unit = cli::UnitOf(first, shown);
   figure.up = UpOf(first, shown);
   first.points().ForEach([&](const auto& point) {
@@ -240,9 +238,11 @@ absl::Status DrawDifference(const DiffOptions& options, const Compared& compared
     const auto* fit = fit_of(inspect::ComponentOf(second, *point));
     if (fit != nullptr) figure.points.push_back({placed(*fit, Sim3()) * point->position, plot::kGreen.WithAlpha(0.5)});
   });
+  int kept = 0, added = 0, removed = 0;  // of what is drawn
   first.keyframes().ForEach([&](const auto& keyframe) {
     if (!is_shown(keyframe->component)) return;
     const bool gone = std::ranges::binary_search(d.keyframes_removed, keyframe->id);
+    ++(gone ? removed : kept);
     figure.cameras.push_back({inspect::PlacedPose(first, *keyframe), gone ? plot::kVermilion : plot::kGray});
   });
   second.keyframes().ForEach([&](const auto& keyframe) {
@@ -251,11 +251,15 @@ absl::Status DrawDifference(const DiffOptions& options, const Compared& compared
     const SE3 pose = placed(*fit, Sim3()).TransformPose(keyframe->camera_from_map.Inverse());
     if (std::ranges::binary_search(d.keyframes_added, keyframe->id)) {
       figure.cameras.push_back({pose, plot::kGreen});
+      ++added;
     } else {
       figure.lines.push_back({inspect::PlacedPose(first, first.keyframe(keyframe->id)).translation(),
                               pose.translation(), plot::kBlue, 1.4});
     }
   });
+  const std::string without = inspect::LeftOutBesides(first, shown).Text();
+  figure.subtitle = absl::StrFormat("%d keyframes kept, %d added, %d removed%s%s", kept, added, removed,
+                                    without.empty() ? "" : "; ", without);
   figure.legend = {{"kept", plot::kGray, plot::LegendEntry::Mark::kFrustum},
                    {"added", plot::kGreen, plot::LegendEntry::Mark::kFrustum},
                    {"removed", plot::kVermilion, plot::LegendEntry::Mark::kFrustum},

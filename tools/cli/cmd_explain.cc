@@ -87,6 +87,12 @@ KeyframeId Beside(const map::Snapshot& map, const inspect::Explanation& e) {
   return of_matches ? of_matches : group.keyframes[0];
 }
 
+// What is drawn, where nothing was found: the group that got furthest.
+const tracking::TracedGroup* GroupDrawn(const inspect::Explanation& e) {
+  const bool found = e.result.localized || !e.result.rivals.empty();
+  return found || e.best_group < 0 ? nullptr : &e.trace.groups[static_cast<std::size_t>(e.best_group)];
+}
+
 absl::Status DrawMatches(const ExplainCommand& command, const map::Snapshot& map, const Explained& explained) {
   const inspect::Explanation& e = explained.explanation;
   plot::MatchFigure figure;
@@ -95,6 +101,10 @@ absl::Status DrawMatches(const ExplainCommand& command, const map::Snapshot& map
                         ? absl::StrFormat("%d inliers in %d of %d parts of the image", e.result.counts.inliers,
                                           e.result.counts.cells, e.result.counts.visible_cells)
                         : text::Cut(e.result.reason, 120);
+  const tracking::TracedGroup* const drawn_group = GroupDrawn(e);
+  if (drawn_group != nullptr && drawn_group->tried && !drawn_group->attempt.reason.empty()) {
+    figure.subtitle = text::Cut(drawn_group->attempt.reason, 120);
+  }
   figure.left = {"the image", explained.query.pinhole.width_px, explained.query.pinhole.height_px, explained.image, {}};
   for (const image::Keypoint& keypoint : explained.query.features.keypoints) {
     figure.left.features.emplace_back(keypoint.x_px, keypoint.y_px);
@@ -106,7 +116,9 @@ absl::Status DrawMatches(const ExplainCommand& command, const map::Snapshot& map
   if (!beside) return plot::WriteMatchFigure(figure, command.picture, to);  // it was compared with none
   const map::Keyframe& keyframe = map.keyframe(beside);
   const Pinhole& pinhole = map.pinhole(keyframe.camera);
-  figure.right = {absl::StrCat("keyframe ", beside.value(), " (the map keeps no image)"),
+  const std::string of_group =
+      drawn_group == nullptr ? "" : absl::StrCat(" of the group of ", drawn_group->keyframes[0].value());
+  figure.right = {absl::StrCat("keyframe ", beside.value(), of_group, " (the map keeps no image)"),
                   pinhole.width_px,
                   pinhole.height_px,
                   cv::Mat(),
@@ -189,6 +201,10 @@ void PrintExplanationJson(const ExplainCommand& command, const map::Snapshot& ma
                {"rivals", rivals},
                {"near_keyframes", near},
                {"advice", e.advice}});
+  if (!command.picture.empty()) {
+    const KeyframeId beside = Beside(map, e);
+    json["drawn_keyframe"] = beside ? nlohmann::ordered_json(beside.value()) : nlohmann::ordered_json();
+  }
   PrintJson(json);
 }
 

@@ -55,8 +55,8 @@ void Print(const api::MapVerification& report, const VerifyOptions& options) {
   const std::string file = options.server.empty() ? options.map : absl::StrCat("MAPS/", options.map, ".cairn");
   const std::string damaged =
       absl::StrCat(text::Shown(options.map), ": DAMAGED, ", report.findings.size() < kMany ? "" : "at least ",
-                   report.findings.size(), " finding",
-                   report.findings.size() == 1 ? "" : "s", ". Keep the file as it is, and get back what is good with",
+                   report.findings.size(), " finding", report.findings.size() == 1 ? "" : "s",
+                   ". Keep the file as it is, and get back what is good with",
                    options.server.empty() ? "" : ", where the server keeps it", ":");
   std::fputs(WrappedOn(stdout, damaged).c_str(), stdout);
   std::printf("  cairn recover %s NEW.cairn\n", text::Shown(file).c_str());

@@ -8,7 +8,9 @@
 #include <cstring>
 #include <filesystem>
 #include <utility>
+#include <vector>
 
+#include "absl/strings/str_replace.h"
 #include "cli/export_served.h"
 #include "cli/input_options.h"
 #include "store/log_damage.h"
@@ -63,6 +65,12 @@ void WatchFetched(const std::string& folder) {
   }
 }
 
+// Files of maps that were fetched, and what these are called: told also when the files are gone.
+std::vector<std::pair<std::string, std::string>>& FetchedNames() {
+  static std::vector<std::pair<std::string, std::string>> names;
+  return names;
+}
+
 void ForgetFetched(const std::string& folder) {
   for (FetchedFolder& fetched : fetched_folders) {
     if (fetched.in_use != 0 && folder == fetched.folder.data()) fetched.in_use = 0;
@@ -82,6 +90,7 @@ absl::StatusOr<MapToRead> MapToRead::Open(const ServerChoice& server, const std:
   MapToRead fetched(absl::StrCat(folder, "/", kFetchedName));
   fetched.folder_ = folder;
   WatchFetched(folder);
+  FetchedNames().emplace_back(fetched.path_, map);
   CAIRN_RETURN_IF_ERROR(ExportServed(server, map, api::ExportContent::kMap, fetched.path_));
   return fetched;
 }
@@ -95,6 +104,8 @@ MapToRead::~MapToRead() {
   std::filesystem::remove_all(folder_, ignored);
   ForgetFetched(folder_);
 }
+
+std::string NamedAsServed(absl::string_view message) { return absl::StrReplaceAll(message, FetchedNames()); }
 
 void TellLogDamage(const std::string& verb, const ServerChoice& server, const std::string& map) {
   if (!server.empty()) return;

@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "absl/strings/string_view.h"
 #include "base/status.h"
 #include "cli/server_option.h"
 
@@ -29,6 +30,9 @@ class MapToRead {
   std::string path_;
   std::string folder_;  // a temporary one, which this has made; else empty
 };
+
+// A message that may name the file of a map that was fetched: by the name that the map has at the server.
+std::string NamedAsServed(absl::string_view message);
 
 // Tells of changes in the log of a map of this machine that are passed over as it is damaged there; nothing of others.
 // For verbs that do not tell all notes of the map.
