@@ -264,7 +264,11 @@ class Align(unittest.TestCase):
             self.assertAlmostEqual(there[a][2] - there[b][2], cameras[a][2] - cameras[b][2], delta=0.15)
         # A distance alone scales what is aligned, and says so first.
         self.assertEqual(cairn('align', map_file, '--distance', distance).code, 1)
-        twice = must('align', map_file, '--distance', f"point {points[0]['id']} point {points[1]['id']} {2 * apart}", '--overwrite')
+        doubled = ('align', map_file, '--distance', f"point {points[0]['id']} point {points[1]['id']} {2 * apart}", '--overwrite')
+        refused = cairn(*doubled)
+        self.assertEqual(refused.code, 1, refused.out)
+        self.assertIn('2 times larger', refused.json['error'])
+        twice = must(*doubled, '--force')
         self.assertAlmostEqual(twice['scale'], 2 * aligned['scale'], delta=1e-3 * aligned['scale'])
         # The same through a server.
         maps = self.folder / 'served'

@@ -139,7 +139,7 @@ class Export(unittest.TestCase):
         must('synth', 'office', '--seed', 4, '--duration', 1, '--out', other)
         answer = cairn('export', self.map, self.path('m'), '--format', 'colmap', '--images', other)
         self.assertEqual(answer.code, 1)
-        self.assertIn('no keyframe comes from', answer.json['error'])
+        self.assertIn('no keyframe that is exported comes from', answer.json['error'])
 
 
 if __name__ == '__main__':
