@@ -3,6 +3,7 @@ made of a COLMAP model."""
 import os
 import pathlib
 import shutil
+import sqlite3
 import subprocess
 import tempfile
 import time
@@ -302,6 +303,36 @@ class Care(unittest.TestCase):
 
     def split_into(self, folder):
         return [pathlib.Path(part['file']) for part in must('split', self.map, '--by', 'session', '-o', folder)['parts']]
+
+    def test_a_lost_row_is_missed_and_nothing_is_built_on_what_is_left(self):
+        for where in ('reported_trajectories', 'touched WHERE revision = 3', 'changes WHERE revision = 3'):
+            table = where.split()[0]
+            shutil.copy(self.both, self.map)
+            database = sqlite3.connect(self.map)
+            self.assertGreater(database.execute(f'DELETE FROM {where}').rowcount, 0, table)
+            database.commit()
+            database.close()
+            calls = [['verify', self.map], ['prune', self.map], ['session', 'remove', self.map, 2], ['compact', self.map],
+                     ['snapshot', self.map, self.work / 'copy.cairn']]
+            calls += [['diff', self.map, '--since', 2]] if table == 'touched' else []
+            calls += [['info', self.map], ['localize', self.visits[1], '--independent', '--map', self.map]] if table.startswith('reported') else []
+            before = self.map.read_bytes()
+            for call in calls:
+                answer = cairn(*call)
+                self.assertEqual(answer.code, 3, (table, call, answer.out))
+                self.assertIn(table, answer.out)
+                self.assertIn('rows instead of', answer.out)
+            self.assertEqual(self.map.read_bytes(), before, table)
+
+    def test_copies_of_a_killed_pruning_go_with_the_next(self):
+        dead = subprocess.Popen(['true'])
+        dead.wait()
+        left = [self.work / f'.office-trial-{dead.pid}.cairn{end}' for end in ('', '-wal', '-shm', '-lock')]
+        other = [self.work / f'.office-trial-{os.getpid()}.cairn', self.work / f'.officer-trial-{dead.pid}.cairn']
+        for file in left + other:
+            file.write_bytes(b'x')
+        must('prune', self.map, '--budget-mb', 1000, '--tests', 0, '--dry-run')
+        self.assertEqual([file.exists() for file in left + other], [False] * 4 + [True] * 2)
 
     def test_damaged_maps_and_writers_are_told(self):
         damaged = self.work / 'damaged.cairn'
