@@ -108,9 +108,11 @@ absl::Status Stats(const StatsOptions& options) {
         "there is no distribution \"", options.histogram, "\"; there are ",
         absl::StrJoin(all, ", ", [](std::string* out, const inspect::Distribution& d) { out->append(d.name); })));
   }
-  if (!options.picture.empty()) CAIRN_RETURN_IF_ERROR(Draw(all, map->info().name, options));
+  const bool drawn = !options.picture.empty() && std::ranges::any_of(all, [](const auto& d) { return d.count > 0; });
+  if (drawn) CAIRN_RETURN_IF_ERROR(Draw(all, map->info().name, options));
   if (options.json) {
     nlohmann::ordered_json json = {{"map", options.map}, {"revision", map->revision()}};
+    if (!options.picture.empty()) json["picture"] = drawn ? nlohmann::ordered_json(options.picture) : nullptr;
     for (const inspect::Distribution& d : all) {
       if (options.histogram.empty() || d.name == options.histogram) json[d.name] = DistributionAsJson(d);
     }
@@ -120,7 +122,9 @@ absl::Status Stats(const StatsOptions& options) {
   } else {
     PrintHistogram(*chosen);
   }
-  if (!options.json && !options.picture.empty()) std::printf("picture: %s\n", text::Shown(options.picture).c_str());
+  if (!options.json && !options.picture.empty()) {
+    std::printf("picture: %s\n", drawn ? text::Shown(options.picture).c_str() : "none, as there is nothing to draw");
+  }
   return absl::OkStatus();
 }
 

@@ -11,6 +11,17 @@ namespace {
 constexpr std::size_t kColumns = 3;
 constexpr double kPanelHeight = 190.0, kTitleHeight = 44.0;
 
+// Without its last words if there is no room for them.
+std::string Fitting(Canvas& canvas, const std::string& label, double width) {
+  std::string text = label;
+  while (canvas.TextWidth(text) > width) {
+    const std::size_t end = text.find_last_of(' ', text.size() - (text == label ? 1 : 5));
+    if (end == std::string::npos || end == 0) return text;
+    text = text.substr(0, end) + " ...";
+  }
+  return text;
+}
+
 void DrawHistogram(Canvas& canvas, const Rect& at, const HistogramPanel& panel) {
   canvas.Text({at.x + 50.0, at.y + 14.0}, panel.title, {.size_pt = 11.0, .bold = true});
   const Rect area{at.x + 50.0, at.y + 24.0, at.width - 62.0, at.height - 68.0};
@@ -27,7 +38,7 @@ void DrawHistogram(Canvas& canvas, const Rect& at, const HistogramPanel& panel) 
   y.Include(0.0);
   y.Include(static_cast<double>(std::max<std::int64_t>(1, *std::ranges::max_element(panel.bins))));
   const Axes axes(area, x, y, false);
-  axes.Draw(canvas, panel.label, "");
+  axes.Draw(canvas, Fitting(canvas, panel.label, at.width - 20.0), "");
   canvas.SetClip(area);
   for (std::size_t i = 0; i < panel.bins.size(); ++i) {
     const Point top = axes.ToPage(panel.low + step * static_cast<double>(i), static_cast<double>(panel.bins[i]));
