@@ -38,7 +38,7 @@ void DrawHistogram(Canvas& canvas, const Rect& at, const HistogramPanel& panel) 
   y.Include(0.0);
   y.Include(static_cast<double>(std::max<std::int64_t>(1, *std::ranges::max_element(panel.bins))));
   const Axes axes(area, x, y, false);
-  axes.Draw(canvas, Fitting(canvas, panel.label, at.width - 20.0), "");
+  axes.Draw(canvas, Fitting(canvas, panel.label, area.width + 16.0), "");
   canvas.SetClip(area);
   for (std::size_t i = 0; i < panel.bins.size(); ++i) {
     const Point top = axes.ToPage(panel.low + step * static_cast<double>(i), static_cast<double>(panel.bins[i]));
