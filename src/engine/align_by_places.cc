@@ -136,10 +136,10 @@ class KnownAligner {
     AlignmentOptions options;
     options.min_spread_ratio = 0.01;  // what was measured errs more than that
     CAIRN_ASSIGN_OR_RETURN(const Alignment found, AlignPoints(world, map, options));
-    CAIRN_RETURN_IF_ERROR(CheckScale(found.a_from_b.scale(), found.scale_sigma / found.a_from_b.scale()));
     result_.world_from_component = found.a_from_b;
     result_.rmse_all_m = found.rmse;
     result_.scale_sigma = found.scale_sigma / found.a_from_b.scale();
+    CAIRN_RETURN_IF_ERROR(CheckScale(found.a_from_b.scale(), result_.scale_sigma));
     result_.rotation_sigma_rad = found.rotation_sigma_rad;
     for (std::size_t i = 0; i < world.size(); ++i) {
       result_.errors_m.push_back((found.a_from_b * map[i] - world[i]).norm());

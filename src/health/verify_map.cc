@@ -8,9 +8,8 @@
 namespace cairn::health {
 namespace {
 
-// What is in memory of a map that is gone through keyframe for keyframe.
+// Features, most of a map, go by keyframe for keyframe.
 constexpr std::size_t kFeatureBytes = 16 << 20;
-constexpr std::size_t kSourceBytes = 32 << 20;
 
 // The words that a keyframe has are those that its descriptors fall into; all of one map were looked up alike.
 void CheckWords(const map::Keyframe& keyframe, const place::Vocabulary& vocabulary, VerifyReport* report) {
@@ -38,8 +37,7 @@ absl::StatusOr<std::shared_ptr<const map::Snapshot>> Load(store::MapStore& store
 
 absl::Status VerifyDeeply(store::MapStore& store, VerifyReport* report) {
   CAIRN_ASSIGN_OR_RETURN(const auto map, Load(store));
-  map::PlausibilityOptions options;
-  options.source_bytes = kSourceBytes;
+  const map::PlausibilityOptions options;
   CAIRN_RETURN_IF_ERROR(map::FindImplausible(*map, options, [&](map::Implausibility&& what) {
     report->findings.push_back({std::move(what.kind), what.id, std::move(what.message)});
   }));
@@ -53,7 +51,7 @@ absl::Status VerifyDeeply(store::MapStore& store, VerifyReport* report) {
     report->findings.push_back({"vocabulary", 1, "it is another one than the map was made with"});
     return absl::OkStatus();
   }
-  map::ForEachKeyframe(*map, kSourceBytes, [&](const map::Snapshot&, const map::Keyframe& keyframe) {
+  map::ForEachKeyframe(*map, options.source_bytes, [&](const map::Snapshot&, const map::Keyframe& keyframe) {
     CheckWords(keyframe, *vocabulary.words, report);
   });
   return all_read();

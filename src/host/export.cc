@@ -38,9 +38,8 @@ Sim3 OutFrom(const map::Snapshot& map, ComponentId component) { return map.World
 // What stands at the head of the files.
 std::string Comment(const char* what, const map::Snapshot& map, const ExportFrame& frame) {
   const std::string without = inspect::LeftOutBesides(map, frame.components).Text();
-  return absl::StrCat(what, " of map ", io::InOneLine(map.info().name), ", revision ", map.revision(),
-                      without.empty() ? "" : ", ", without,
-                      frame.world ? ", frame world, metres" : ", frame of the largest component, map units");
+  return absl::StrCat(what, " of map ", map.info().name, ", revision ", map.revision(), without.empty() ? "" : ", ",
+                      without, frame.world ? ", frame world, metres" : ", frame of the largest component, map units");
 }
 
 absl::Status WriteTrajectory(const map::Snapshot& map, const std::string& path) {

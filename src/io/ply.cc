@@ -4,8 +4,8 @@
 #include <cstring>
 #include <limits>
 
-#include "absl/strings/str_replace.h"
 #include "io/atomic_file.h"
+#include "io/text_lines.h"
 
 namespace cairn::io {
 
@@ -13,9 +13,8 @@ absl::Status WritePly(const std::string& path, const std::vector<ColoredPoint>& 
                       const std::string& comment) {
   static_assert(std::endian::native == std::endian::little, "the format is written in the machine's order");
   std::string contents =
-      absl::StrCat("ply\nformat binary_little_endian 1.0\n", comment.empty() ? "" : "comment ",
-                   absl::StrReplaceAll(comment, {{"\n", " "}, {"\r", " "}}), comment.empty() ? "" : "\n",
-                   "element vertex ", points.size(),
+      absl::StrCat("ply\nformat binary_little_endian 1.0\n", comment.empty() ? "" : "comment ", InOneLine(comment),
+                   comment.empty() ? "" : "\n", "element vertex ", points.size(),
                    "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\n"
                    "property uchar blue\nend_header\n");
   contents.reserve(contents.size() + 15 * points.size());

@@ -148,4 +148,12 @@ absl::Status TimeOrder::Add(TimeNs time_ns, const std::string& path, int line) {
   return absl::OkStatus();
 }
 
+std::string InOneLine(absl::string_view text) {
+  std::string line(text);
+  for (char& c : line) {
+    if (absl::ascii_iscntrl(static_cast<unsigned char>(c))) c = ' ';
+  }
+  return line;
+}
+
 }  // namespace cairn::io

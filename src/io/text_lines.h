@@ -55,4 +55,7 @@ class TimeOrder {
   TimeNs last_ns_ = 0;
 };
 
+// For a comment in a file that is written: names of maps may hold line ends and escape codes, which become blanks.
+std::string InOneLine(absl::string_view text);
+
 }  // namespace cairn::io

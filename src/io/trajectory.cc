@@ -4,7 +4,6 @@
 #include <cmath>
 #include <filesystem>
 
-#include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "io/atomic_file.h"
@@ -171,14 +170,6 @@ std::string FormatTumLine(const StampedPose& pose) {
     absl::StrAppend(&line, " ", FormatPoseNumber(number));
   }
   return line + "\n";
-}
-
-std::string InOneLine(absl::string_view text) {
-  std::string line(text);
-  for (char& c : line) {
-    if (absl::ascii_iscntrl(static_cast<unsigned char>(c))) c = ' ';
-  }
-  return line;
 }
 
 std::string FormatPoseNumber(double number) {

@@ -52,9 +52,6 @@ struct TrajectoryWriteOptions {
 absl::Status WriteTumTrajectory(const std::string& path, const std::vector<StampedPose>& poses,
                                 const TrajectoryWriteOptions& options = {});
 
-// What stands in a comment: names of maps may hold line ends and escape codes, which become blanks.
-std::string InOneLine(absl::string_view text);
-
 // A coordinate, or a part of a quaternion, as files of poses have it: nine digits, and no zero with a sign.
 std::string FormatPoseNumber(double number);
 

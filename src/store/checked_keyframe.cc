@@ -1,17 +1,8 @@
 #include "store/checked_keyframe.h"
 
-#include <algorithm>
-
 #include "store/map_reader.h"
 
 namespace cairn::store {
-
-const CheckedKeyframe* FindKeyframe(std::span<const CheckedKeyframe> keyframes, std::int64_t id) {
-  const auto at = std::lower_bound(keyframes.begin(), keyframes.end(), id, [](const auto& known, std::int64_t key) {
-    return static_cast<std::int64_t>(known.head.id.value()) < key;
-  });
-  return at == keyframes.end() || static_cast<std::int64_t>(at->head.id.value()) != id ? nullptr : &*at;
-}
 
 absl::StatusOr<std::vector<PointId>> ObservedPoints::Of(const CheckedKeyframe& keyframe) {
   if (!rows_) {

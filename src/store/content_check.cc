@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -59,10 +60,7 @@ class ContentCheck {
     return sink_(Finding{std::string(table), id, std::string(message)});
   }
 
-  const CheckedKeyframe* FindKeyframe(std::int64_t id) const { return store::FindKeyframe(keyframes_, id); }
-  CheckedKeyframe* FindKeyframe(std::int64_t id) {
-    return const_cast<CheckedKeyframe*>(std::as_const(*this).FindKeyframe(id));
-  }
+  CheckedKeyframe* FindKeyframe(std::int64_t id) { return store::FindKeyframe(std::span(keyframes_), id); }
 
   // --- each row by itself ---
 

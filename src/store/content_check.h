@@ -3,17 +3,13 @@
 // at a time; of every keyframe a hundred bytes are, and of every id of a point one bit.
 #pragma once
 
-#include <cstddef>
-
 #include "base/status.h"
+#include "store/finding_limit.h"
 #include "store/map_assembly.h"
 #include "store/offered_work.h"
 #include "store/sqlite.h"
 
 namespace cairn::store {
-
-// A file that is damaged all over is not described any better by a longer list.
-inline constexpr std::size_t kMaxFindings = 1000;
 
 // Of a map for which CanGoByRows() (digest.h), within a read transaction. An error only if checking itself was not
 // possible, or of the sink. Whoever helps with what is `shared` does so by the connection `beside`, which has a read

@@ -9,6 +9,7 @@
 #include "base/version.h"
 #include "store/delta_writer.h"
 #include "store/file_paths.h"
+#include "store/finding_limit.h"
 #include "store/map_open.h"
 #include "store/map_reader.h"
 #include "store/mending.h"
@@ -19,9 +20,6 @@
 
 namespace cairn::store {
 namespace {
-
-// A file of which nothing is left is not described any better by a longer list.
-constexpr std::size_t kMaxFindings = 1000;
 
 class Recovery {
  public:
@@ -81,7 +79,8 @@ class Recovery {
     if (!summary || rows_.format != kNewestFormat) return absl::OkStatus();
     for (const Counted which : {Counted::kDescription, Counted::kLog}) {
       CAIRN_RETURN_IF_ERROR(CompareRowCounts(*summary, salvaged_.rows.get(), which, [this](const Finding& finding) {
-        if (report_.findings.size() < kMaxFindings) report_.findings.push_back(finding);
+        if (finding.table == kTouchedTable.name) return absl::OkStatus();  // the new map begins it anew
+        report_.notes.push_back(absl::StrCat("of table ", finding.table, " rows are lost: ", finding.message));
         return absl::OkStatus();
       }));
     }

@@ -323,6 +323,9 @@ class Care(unittest.TestCase):
                 self.assertIn(table, answer.out)
                 self.assertIn('rows instead of', answer.out)
             self.assertEqual(self.map.read_bytes(), before, table)
+            saved = must('recover', self.map, self.work / f'{table}.cairn')
+            lost = [note for note in saved['notes'] if 'rows are lost' in note]
+            self.assertEqual([note.split()[2] for note in lost], [] if table == 'touched' else [table])
 
     def test_copies_of_a_killed_pruning_go_with_the_next(self):
         dead = subprocess.Popen(['true'])

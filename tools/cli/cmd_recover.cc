@@ -64,8 +64,7 @@ void AddRecoverCommand(CLI::App& app, Action* action) {
   verb->footer(
       "Every keyframe and point whose own bytes are as they were written is kept, wherever it lies in the file.\n"
       "Exit code 0: the new map is good ('cairn verify'); what was lost is said. 3: nothing could be saved. 1: also of "
-      "a map\n"
-      "without keyframes, of which there is nothing to save.\n"
+      "a map without keyframes, of which there is nothing to save.\n"
       "Examples:\n"
       "  cairn verify office.cairn\n"
       "  cairn recover office.cairn office_recovered.cairn");

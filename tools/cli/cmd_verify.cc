@@ -6,14 +6,13 @@
 #include "cli/input_options.h"
 #include "cli/server_option.h"
 #include "host/inspect.h"
+#include "store/finding_limit.h"
 #include "text/text.h"
 
 namespace cairn::cli {
 namespace {
 
 using text::WrappedOn;
-
-constexpr std::size_t kMany = 1000;  // findings: checking ends with so many
 
 struct VerifyOptions {
   std::string map;
@@ -54,9 +53,9 @@ void Print(const api::MapVerification& report, const VerifyOptions& options) {
   }
   const std::string file = options.server.empty() ? options.map : absl::StrCat("MAPS/", options.map, ".cairn");
   const std::string damaged =
-      absl::StrCat(text::Shown(options.map), ": DAMAGED, ", report.findings.size() < kMany ? "" : "at least ",
-                   report.findings.size(), " finding", report.findings.size() == 1 ? "" : "s",
-                   ". Keep the file as it is, and get back what is good with",
+      absl::StrCat(text::Shown(options.map), ": DAMAGED, ",
+                   report.findings.size() < store::kMaxFindings ? "" : "at least ", report.findings.size(), " finding",
+                   report.findings.size() == 1 ? "" : "s", ". Keep the file as it is, and get back what is good with",
                    options.server.empty() ? "" : ", where the server keeps it", ":");
   std::fputs(WrappedOn(stdout, damaged).c_str(), stdout);
   std::printf("  cairn recover %s NEW.cairn\n", text::Shown(file).c_str());

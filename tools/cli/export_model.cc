@@ -37,7 +37,7 @@ std::string Comment(const char* what, const Source& source) {
   const Reconstruction& model = source.model;
   const std::string without = model.left_out.Text();
   const std::string frame = model.metric ? ", frame world, metres" : ", frame of the component, map units";
-  return absl::StrCat(what, " of map ", io::InOneLine(source.map.info().name), ", revision ", source.map.revision(),
+  return absl::StrCat(what, " of map ", source.map.info().name, ", revision ", source.map.revision(),
                       without.empty() ? "" : ", ", without, frame);
 }
 
