@@ -49,7 +49,7 @@ absl::StatusOr<AdjustedChange> AdjustAfter(const std::shared_ptr<const map::Snap
     NoteMoves(*changed, *full, &adjusted.moves);
     adjusted.keyframes += static_cast<std::int64_t>(full->camera_from_map.size());
     adjusted.rmse_px = std::max(adjusted.rmse_px, full->rmse);
-    mapping::MergeFullAdjustment(*full, edit);
+    mapping::MergeFullAdjustment(*std::move(full), edit);
   }
   if (adjusted.keyframes == 0) {
     adjusted.delta = std::move(change);

@@ -17,6 +17,7 @@
 #include <thread>
 #include <vector>
 
+#include "base/fair_mutex.h"
 #include "base/status.h"
 #include "map/delta.h"
 #include "mapping/map_head.h"
@@ -90,9 +91,9 @@ class LiveMap {
     friend class LiveMap;
     explicit Editor(LiveMap* live) : live_(live), lock_(live->edit_mutex_) {}
     LiveMap* live_;
-    std::unique_lock<std::mutex> lock_;
+    std::unique_lock<FairMutex> lock_;
   };
-  // Waits for the editor before; the order is not defined. An error of the store shows with Commit().
+  // Waits for the editors that came before. An error of the store shows with Commit().
   Editor BeginEdit() { return Editor(this); }
 
   // One change, made from the head by `make`, which may return none; durable on return. The revision that it led to, or
@@ -132,7 +133,7 @@ class LiveMap {
   const std::unique_ptr<store::MapStore> store_;  // used under edit_mutex_ or by thread_
   std::vector<std::string> notes_;
 
-  std::mutex edit_mutex_;  // held by an Editor; guards what follows
+  FairMutex edit_mutex_;  // held by an Editor; guards what follows
   std::shared_ptr<const tracking::MapView> head_;
   std::vector<Listener*> listeners_;
 

@@ -24,15 +24,15 @@ absl::StatusOr<std::unique_ptr<LoopRunner>> LoopRunner::Create(const LoopRunnerO
 
 LoopRunner::~LoopRunner() {
   stop_ = true;
-  WaitForThread();
+  WaitForAdjustment();
 }
 
-void LoopRunner::WaitForThread() {
+void LoopRunner::WaitForAdjustment() {
   if (thread_.joinable()) thread_.join();
 }
 
 absl::Status LoopRunner::AfterPacket(const mapping::KeyframeReport& packet, mapping::MapHead& head) {
-  CAIRN_RETURN_IF_ERROR(MergeIfDone(head));
+  CAIRN_RETURN_IF_ERROR(MergePart(head).status());
   if (!packet.inserted || head.View()->places() == nullptr) return absl::OkStatus();
   CAIRN_ASSIGN_OR_RETURN(bool corrected, Join(packet.keyframe, head));
   if (!corrected && options_.close_loops) {
@@ -72,11 +72,8 @@ absl::StatusOr<bool> LoopRunner::CloseLoop(KeyframeId keyframe, mapping::MapHead
 absl::Status LoopRunner::StartAdjustment(KeyframeId keyframe, mapping::MapHead& head) {
   // One that is under way is about the map before this loop or join.
   stop_ = true;
-  if (thread_.joinable()) adjustments_.back().end = Clock::now();
-  WaitForThread();
+  if (thread_.joinable() || merge_) DropAdjustment();
   stop_ = stale_ = false;
-  done_ = false;
-  adjustment_.reset();
   Remember({Clock::now(), Clock::time_point::max()}, &adjustments_);
   const std::shared_ptr<const map::Snapshot> map = head.View()->snapshot();
   const ComponentId component = map->keyframe(keyframe).component;
@@ -91,7 +88,10 @@ absl::Status LoopRunner::StartAdjustment(KeyframeId keyframe, mapping::MapHead& 
     }
   }
   Compute(map, component);
-  return MergeIfDone(head);
+  for (;;) {
+    CAIRN_ASSIGN_OR_RETURN(const bool more, MergePart(head));
+    if (!more) return absl::OkStatus();
+  }
 }
 
 void LoopRunner::Done(absl::StatusOr<mapping::FullAdjustment> adjustment) {
@@ -106,26 +106,40 @@ void LoopRunner::Compute(std::shared_ptr<const map::Snapshot> map, ComponentId c
   Done(Guarded([&] { return mapping::ComputeFullAdjustment(*map, component, options); }));
 }
 
-absl::Status LoopRunner::MergeIfDone(mapping::MapHead& head) {
-  if (!done_) return absl::OkStatus();
-  WaitForThread();
+void LoopRunner::DropAdjustment() {
+  WaitForAdjustment();
   done_ = false;
-  const absl::StatusOr<mapping::FullAdjustment> adjustment = *std::exchange(adjustment_, std::nullopt);
-  // A map that could not be adjusted is as good as before.
-  absl::Status merged;
-  if (adjustment.ok() && !adjustment->interrupted && !stale_) {
-    map::Edit edit(head.View()->snapshot());
-    mapping::MergeFullAdjustment(*adjustment, edit);
-    edit.SetSession(session_);
-    merged = head.Commit(edit.Finish("full bundle adjustment"), {});
-  }
+  adjustment_.reset();
+  merge_.reset();
   adjustments_.back().end = Clock::now();
-  return merged;
 }
 
-absl::Status LoopRunner::Finish(mapping::MapHead& head) {
-  WaitForThread();
-  return MergeIfDone(head);
+absl::StatusOr<bool> LoopRunner::MergePart(mapping::MapHead& head) {
+  if (done_) {
+    WaitForAdjustment();
+    done_ = false;
+    absl::StatusOr<mapping::FullAdjustment> adjustment = *std::exchange(adjustment_, std::nullopt);
+    // A map that could not be adjusted is as good as before.
+    if (adjustment.ok() && !adjustment->interrupted) merge_.emplace(*std::move(adjustment));
+    parts_merged_ = 0;
+    if (!merge_) adjustments_.back().end = Clock::now();
+  }
+  if (!merge_) return false;
+  if (stale_) {
+    DropAdjustment();
+    return false;
+  }
+  map::Edit edit(head.View()->snapshot());
+  merge_->MergeNext(edit, options_.points_per_part);
+  edit.SetSession(session_);
+  const bool more = !merge_->done();
+  std::string reason = "full bundle adjustment";
+  if (more || parts_merged_ > 0) absl::StrAppend(&reason, ", part ", parts_merged_ + 1);
+  ++parts_merged_;
+  const absl::Status merged = head.Commit(edit.Finish(std::move(reason)), {});
+  if (!more || !merged.ok()) DropAdjustment();
+  CAIRN_RETURN_IF_ERROR(merged);
+  return more;
 }
 
 }  // namespace cairn::engine

@@ -1,11 +1,14 @@
 // What a session does for the map as a whole: after each keyframe of the feature module the search for another
 // component that it sees, and for a loop within its own; after either the bundle adjustment of the component, in a
 // thread of its own or, in deterministic mode, at once. The adjustment reads a snapshot, is cut short by the next loop
-// or join, and is merged into what the map has become meanwhile. Every change goes through the head of the map.
+// or join, and is merged into what the map has become meanwhile: a large one in parts, one after each keyframe and
+// more while there is none, so that others who change the map get their turns. Every change goes through the head of
+// the map.
 #pragma once
 
 #include <atomic>
 #include <chrono>
+#include <cstddef>
 #include <deque>
 #include <map>
 #include <memory>
@@ -30,6 +33,7 @@ struct LoopRunnerOptions {
   bool close_loops = true;    // false: components are joined alone
   bool in_background = true;  // adjustments in a thread of their own
   bool record_wall_clock = true;
+  std::size_t points_per_part = mapping::AdjustmentMerge::kPointsPerPart;  // of an adjustment that is merged
 };
 
 class LoopRunner {
@@ -45,8 +49,11 @@ class LoopRunner {
   absl::Status AfterPacket(const mapping::KeyframeReport& packet, mapping::MapHead& head);
   // Whether the last keyframe was seen in another component, and that it is there is not proven.
   bool ExpectsJoin() const { return expects_join_; }
-  // At the end of the stream: waits for the adjustment and merges it.
-  absl::Status Finish(mapping::MapHead& head);
+  // Merges a part of the adjustment, if it is done. True if more of it waits to be merged.
+  absl::StatusOr<bool> MergePart(mapping::MapHead& head);
+  // At the end of the stream, when AfterPacket() is not called any more: waits for the adjustment, which MergePart()
+  // then merges. The head need not be the caller's.
+  void WaitForAdjustment();
   // Lengths of the map have changed, by whomever: an adjustment under way is about a map that is no more.
   void OnCorrection() { stale_ = stop_ = true; }
 
@@ -77,8 +84,7 @@ class LoopRunner {
   absl::Status StartAdjustment(KeyframeId keyframe, mapping::MapHead& head);
   void Compute(std::shared_ptr<const map::Snapshot> map, ComponentId component);
   void Done(absl::StatusOr<mapping::FullAdjustment> adjustment);
-  absl::Status MergeIfDone(mapping::MapHead& head);
-  void WaitForThread();
+  void DropAdjustment();
 
   const LoopRunnerOptions options_;
   mapping::LoopCloser closer_;
@@ -97,6 +103,8 @@ class LoopRunner {
   bool stale_ = false;
   std::atomic<bool> done_ = false;  // adjustment_ is there and belongs to the mapping thread
   std::optional<absl::StatusOr<mapping::FullAdjustment>> adjustment_;  // the thread's until then
+  std::optional<mapping::AdjustmentMerge> merge_;                      // of what is left of it
+  int parts_merged_ = 0;
 };
 
 }  // namespace cairn::engine

@@ -1,6 +1,6 @@
-// The feature module's thread: takes jobs from a bounded queue, one after the other. Without a thread they are done at
-// once, in the caller's. The first error stays, and ends it all: what is queued behind it is dropped, so that nobody
-// who waits for room is ever stuck.
+// The feature module's thread: takes jobs from a bounded queue, one after the other, and between them does what can
+// wait. Without a thread jobs are done at once, in the caller's. The first error stays, and ends it all: what is queued
+// behind it is dropped, so that nobody who waits for room is ever stuck.
 #pragma once
 
 #include <functional>
@@ -19,8 +19,11 @@ template <class Job>
 class MappingThread {
  public:
   using Handler = std::function<absl::Status(const Job&)>;
+  // Called after a job while no other waits, and again for as long as it says that there is more.
+  using Meanwhile = std::function<absl::StatusOr<bool>()>;
 
-  MappingThread(std::size_t limit, Handler handle) : handle_(std::move(handle)), queue_(limit) {}
+  MappingThread(std::size_t limit, Handler handle, Meanwhile meanwhile)
+      : handle_(std::move(handle)), meanwhile_(std::move(meanwhile)), queue_(limit) {}
   ~MappingThread() { Abandon(); }
   MappingThread(const MappingThread&) = delete;
   MappingThread& operator=(const MappingThread&) = delete;
@@ -62,7 +65,14 @@ class MappingThread {
   void Run() {
     while (std::optional<Job> job = queue_.Pop()) {
       if (status().ok()) SetStatus(Guarded([&] { return handle_(*job); }));
+      while (status().ok() && queue_.size() == 0 && DoMeanwhile()) {
+      }
     }
+  }
+  bool DoMeanwhile() {
+    const absl::StatusOr<bool> more = Guarded([&] { return meanwhile_(); });
+    SetStatus(more.status());
+    return more.ok() && *more;
   }
   void SetStatus(const absl::Status& status) {
     const std::lock_guard lock(mutex_);
@@ -70,6 +80,7 @@ class MappingThread {
   }
 
   const Handler handle_;
+  const Meanwhile meanwhile_;
   BoundedQueue<Job> queue_;
   mutable std::mutex mutex_;
   absl::Status status_;

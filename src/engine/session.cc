@@ -27,7 +27,9 @@ class Session::Impl {
         search_(options.seek_after_frames),
         hand_over_(options.packet_queue_limit,
                    [this](direct::KeyframePacket packet) { return jobs_.Push(std::move(packet)); }),
-        jobs_(static_cast<std::size_t>(options.mapping_backlog), [this](const MappingJob& job) { return Do(job); }) {}
+        jobs_(
+            static_cast<std::size_t>(options.mapping_backlog), [this](const MappingJob& job) { return Do(job); },
+            [this] { return MergePart(); }) {}
 
   ~Impl() {
     jobs_.Abandon();  // first: it may have a word for the odometry
@@ -83,6 +85,7 @@ class Session::Impl {
     CAIRN_RETURN_IF_ERROR(hand_over_.Finish());
     jobs_.Stop();
     CAIRN_RETURN_IF_ERROR(jobs_.status());
+    CAIRN_RETURN_IF_ERROR(MergeAdjustment());
     const SessionHead::Turn turn(&head_);
     if (!mapper_->HasMapped()) return EndWithoutMap();
     CAIRN_RETURN_IF_ERROR(mapper_->Finish(runner_->odometry()));
@@ -111,6 +114,22 @@ class Session::Impl {
     const SessionHead::Turn turn(&head_);
     if (const auto* packet = std::get_if<direct::KeyframePacket>(&job)) return mapper_->MapKeyframe(*packet);
     return LocateLost(std::get<direct::Frame>(job));
+  }
+
+  // In turns of their own: others who change the map have theirs between.
+  absl::StatusOr<bool> MergePart() {
+    const SessionHead::Turn turn(&head_);
+    CAIRN_ASSIGN_OR_RETURN(const bool more, mapper_->MergePart());
+    return more;
+  }
+
+  // Once there are no jobs any more.
+  absl::Status MergeAdjustment() {
+    mapper_->WaitForAdjustment();
+    for (;;) {
+      CAIRN_ASSIGN_OR_RETURN(const bool more, MergePart());
+      if (!more) return absl::OkStatus();
+    }
   }
 
   // What the feature module has to say of a lost frame goes to the odometry as a message.

@@ -51,7 +51,6 @@ absl::StatusOr<std::optional<direct::KnownView>> SessionMapper::LocateLost(const
 }
 
 absl::Status SessionMapper::Finish(const direct::Odometry& odometry) {
-  CAIRN_RETURN_IF_ERROR(loops_->Finish(*head_));
   std::unordered_map<std::int64_t, SE3> direct_poses;
   for (const direct::KeyframePose& keyframe : odometry.KeyframeTrajectory()) {
     direct_poses[keyframe.keyframe] = keyframe.direct_from_camera;

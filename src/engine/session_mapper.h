@@ -38,8 +38,12 @@ class SessionMapper final : public LiveMap::Listener {
   absl::Status MapKeyframe(const direct::KeyframePacket& packet);
   // What the map knows of the view of a frame without a pose, if it is found there.
   absl::StatusOr<std::optional<direct::KnownView>> LocateLost(const direct::Frame& lost);
-  // After the last keyframe: what is left of loops and adjustments. Packets of keyframes that were still active have
-  // poses that changed afterwards: `odometry` has the last ones, which the frames hang on.
+  // A part of an adjustment that waits to be merged; true if there are more.
+  absl::StatusOr<bool> MergePart() { return loops_->MergePart(*head_); }
+  // After the last keyframe: until MergePart() can merge all there is. Needs no head.
+  void WaitForAdjustment() { loops_->WaitForAdjustment(); }
+  // After the last keyframe, and all that was to be merged. Packets of keyframes that were still active have poses that
+  // changed afterwards: `odometry` has the last ones, which the frames hang on.
   absl::Status Finish(const direct::Odometry& odometry);
 
   // Of whoever changes the map, while it has the head.

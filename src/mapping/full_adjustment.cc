@@ -1,7 +1,8 @@
 #include "mapping/full_adjustment.h"
 
 #include <algorithm>
-#include <functional>
+#include <limits>
+#include <ranges>
 
 #include "mapping/held.h"
 #include "optimization/bundle_adjustment.h"
@@ -90,40 +91,79 @@ absl::StatusOr<FullAdjustment> ComputeFullAdjustment(const map::Snapshot& map, C
   return full;
 }
 
-void MergeFullAdjustment(const FullAdjustment& adjustment, map::Edit& edit) {
-  const map::Snapshot& base = edit.base();
-  // New poses of all keyframes: adjusted, or where the parent's movement takes them; parents first.
-  std::unordered_map<KeyframeId, SE3> moved;
-  const std::function<const SE3*(KeyframeId)> resolve = [&](KeyframeId id) -> const SE3* {
-    if (const auto known = moved.find(id); known != moved.end()) return &known->second;
-    const map::Keyframe& keyframe = base.keyframe(id);
-    if (const auto adjusted = adjustment.camera_from_map.find(id); adjusted != adjustment.camera_from_map.end()) {
-      return &moved.emplace(id, adjusted->second).first->second;
+AdjustmentMerge::AdjustmentMerge(FullAdjustment adjustment) : adjustment_(std::move(adjustment)) {
+  order_.reserve(adjustment_.camera_from_map.size());
+  for (const auto& [id, pose] : adjustment_.camera_from_map) order_.push_back(id);
+  std::ranges::sort(order_);
+  std::ranges::sort(adjustment_.rejected, {}, [](const auto& pair) { return std::pair(pair.second, pair.first); });
+}
+
+void AdjustmentMerge::MergeNext(map::Edit& edit, std::size_t max_points) {
+  points_moved_ = 0;
+  const std::size_t first = next_;
+  for (; next_ < order_.size() && points_moved_ < max_points; ++next_) {
+    const KeyframeId id = order_[next_];
+    if (edit.base().keyframes().Contains(id)) MoveKeyframe(id, adjustment_.camera_from_map.at(id), edit);
+  }
+  // Behind all moves, as an observation that goes can take its point with it.
+  for (std::size_t i = first; i < next_; ++i) DropRejected(order_[i], edit);
+  if (next_ < order_.size()) return;
+  // Those whose reference has changed from a keyframe behind to one before.
+  auto& left = adjustment_.positions;
+  for (auto point = left.begin(); point != left.end() && points_moved_ < max_points; point = left.erase(point)) {
+    if (edit.FindPoint(point->first) == nullptr) continue;
+    edit.SetPosition(point->first, point->second);
+    ++points_moved_;
+  }
+}
+
+// With the descendants that were not adjusted, down to the next that were.
+void AdjustmentMerge::MoveKeyframe(KeyframeId id, const SE3& camera_from_map, map::Edit& edit) {
+  std::vector<std::pair<KeyframeId, SE3>> moving = {{id, camera_from_map}};
+  while (!moving.empty()) {
+    const auto [moved, pose] = moving.back();
+    moving.pop_back();
+    const map::Keyframe& before = edit.base().keyframe(moved);
+    for (const KeyframeId child : before.children) {
+      if (adjustment_.camera_from_map.contains(child) || !followed_.insert(child).second) continue;
+      const SE3 from_parent = edit.base().keyframe(child).camera_from_map * before.camera_from_map.Inverse();
+      moving.emplace_back(child, from_parent * pose);
     }
-    if (!keyframe.parent) return nullptr;
-    const SE3* parent = resolve(keyframe.parent);
-    if (parent == nullptr) return nullptr;
-    const SE3 from_parent = keyframe.camera_from_map * base.keyframe(keyframe.parent).camera_from_map.Inverse();
-    return &moved.emplace(id, from_parent * *parent).first->second;
-  };
-  base.keyframes().ForEach([&](const std::shared_ptr<const map::Keyframe>& keyframe) {
-    if (const SE3* pose = resolve(keyframe->id)) edit.SetPose(keyframe->id, *pose);
-  });
-  base.points().ForEach([&](const std::shared_ptr<const map::MapPoint>& point) {
-    if (const auto adjusted = adjustment.positions.find(point->id); adjusted != adjustment.positions.end()) {
-      edit.SetPosition(point->id, adjusted->second);
-      return;
+    MovePoints(before, pose, edit);
+    edit.SetPose(moved, pose);
+  }
+}
+
+// Those that it is the reference of.
+void AdjustmentMerge::MovePoints(const map::Keyframe& keyframe, const SE3& camera_from_map, map::Edit& edit) {
+  const SE3 map_from_camera = camera_from_map.Inverse();
+  for (const PointId id : keyframe.points) {
+    if (!id) continue;
+    const map::MapPoint& point = *edit.base().points().Find(id);
+    if (point.reference.keyframe != keyframe.id) continue;
+    if (const auto adjusted = adjustment_.positions.find(id); adjusted != adjustment_.positions.end()) {
+      edit.SetPosition(id, adjusted->second);
+      adjustment_.positions.erase(adjusted);
+    } else {
+      edit.SetPosition(id, map_from_camera * (keyframe.camera_from_map * point.position));
     }
-    const auto reference = moved.find(point->reference.keyframe);
-    if (reference == moved.end()) return;
-    const Vector3d in_camera = base.keyframe(reference->first).camera_from_map * point->position;
-    edit.SetPosition(point->id, reference->second.Inverse() * in_camera);
-  });
-  for (const auto& [point, keyframe] : adjustment.rejected) {
+    ++points_moved_;
+  }
+}
+
+void AdjustmentMerge::DropRejected(KeyframeId id, map::Edit& edit) const {
+  const auto [begin, end] =
+      std::ranges::equal_range(adjustment_.rejected, id, {}, &std::pair<PointId, KeyframeId>::second);
+  for (const auto& [point, keyframe] : std::ranges::subrange(begin, end)) {
     if (edit.FindPoint(point) != nullptr && edit.FindKeyframe(keyframe) != nullptr) {
       edit.RemoveObservation(point, keyframe);
     }
   }
+}
+
+void MergeFullAdjustment(FullAdjustment adjustment, map::Edit& edit) {
+  AdjustmentMerge merge(std::move(adjustment));
+  while (!merge.done()) merge.MergeNext(edit, std::numeric_limits<std::size_t>::max());
 }
 
 }  // namespace cairn::mapping

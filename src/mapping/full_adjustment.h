@@ -1,10 +1,13 @@
 // Bundle adjustment of a whole component, apart from the map: computed from a Snapshot, perhaps in another thread and
 // for long, and then merged into what the map has become meanwhile (Mur-Artal, Tardos, "ORB-SLAM2", T-RO 2017, Sec.
-// III-E: keyframes that arrived since follow their parents in the spanning tree, points their reference keyframes).
+// III-E: keyframes that arrived since follow their parents in the spanning tree, points their reference keyframes). A
+// large one is merged in parts, each a change of its own, so that nobody waits for all of it.
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <unordered_map>
+#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -38,7 +41,33 @@ struct FullAdjustment {
 absl::StatusOr<FullAdjustment> ComputeFullAdjustment(const map::Snapshot& map, ComponentId component,
                                                      const FullAdjustmentOptions& options = {});
 
-// Brings it into a later state of the same map. Keyframes and points that are gone are passed over.
-void MergeFullAdjustment(const FullAdjustment& adjustment, map::Edit& edit);
+// Brings an adjustment into later states of the same map, part by part. After each part the map is a good one: what is
+// merged stands where the adjustment puts it, the rest where it stood, and what lies between is as well linked as
+// before. Keyframes and points that are gone are passed over.
+class AdjustmentMerge {
+ public:
+  // A part of so many is made and stored in some 50 ms.
+  static constexpr std::size_t kPointsPerPart = 8000;
+
+  explicit AdjustmentMerge(FullAdjustment adjustment);
+
+  // The next keyframes, in the order of their ids, with what hangs on them, until `max_points` points have moved.
+  void MergeNext(map::Edit& edit, std::size_t max_points);
+  bool done() const { return next_ == order_.size() && adjustment_.positions.empty(); }
+
+ private:
+  void MoveKeyframe(KeyframeId id, const SE3& camera_from_map, map::Edit& edit);
+  void MovePoints(const map::Keyframe& keyframe, const SE3& camera_from_map, map::Edit& edit);
+  void DropRejected(KeyframeId id, map::Edit& edit) const;
+
+  FullAdjustment adjustment_;  // positions: of points that are not merged yet; rejected: by keyframe
+  std::vector<KeyframeId> order_;
+  std::size_t next_ = 0;
+  std::unordered_set<KeyframeId> followed_;  // were not adjusted, and have been moved with a parent
+  std::size_t points_moved_ = 0;             // of this part
+};
+
+// All of it as one change.
+void MergeFullAdjustment(FullAdjustment adjustment, map::Edit& edit);
 
 }  // namespace cairn::mapping

@@ -102,6 +102,7 @@ absl::Status DeltaWriter::Write(const map::Delta& delta, MapRow* map_row) {
   revision_ = delta.revision();
   touched_components_.clear();
   looked_up_.clear();
+  last_looked_up_ = KeyframeId();
   CAIRN_RETURN_IF_ERROR(WriteHeads(delta));
   for (const PointId id : delta.removed_points) CAIRN_RETURN_IF_ERROR(RemovePoint(id, map_row));
   for (const KeyframeId id : delta.removed_keyframes) CAIRN_RETURN_IF_ERROR(RemoveKeyframe(id, map_row));
@@ -281,6 +282,8 @@ absl::Status DeltaWriter::RemoveKeyframe(KeyframeId id, MapRow* map_row) {
 }
 
 absl::Status DeltaWriter::TouchComponentOf(KeyframeId id) {
+  if (id == last_looked_up_) return absl::OkStatus();
+  last_looked_up_ = id;
   if (!looked_up_.insert(id).second) return absl::OkStatus();
   select_component_of_.Bind(1, static_cast<std::int64_t>(id.value()));
   CAIRN_ASSIGN_OR_RETURN(const bool found, select_component_of_.Step());

@@ -65,6 +65,7 @@ class DeltaWriter {
   Revision revision_ = 0;  // of the change that is being written
   std::set<ComponentId> touched_components_;
   std::set<KeyframeId> looked_up_;
+  KeyframeId last_looked_up_;  // points of one keyframe often follow each other
   Statement select_map_, put_map_;
   Statement put_camera_, delete_camera_, put_lens_, delete_lens_, put_session_, put_loop_, delete_loops_,
       put_trajectory_, delete_trajectory_, put_component_, delete_component_;

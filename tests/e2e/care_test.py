@@ -35,6 +35,19 @@ class Care(unittest.TestCase):
     def tearDownClass(cls):
         shutil.rmtree(cls.folder)
 
+    def test_an_adjustment_in_parts_keeps_others_from_waiting_and_the_map_as_it_is(self):
+        before = self.map.read_bytes()
+        copy = self.work / 'copy.cairn'
+        bench = must('bench', 'adjustment', self.map, '--copy', copy, '--points-per-part', 500, '--json')
+        self.assertGreater(bench['points'], 1000)
+        self.assertGreaterEqual(bench['parts'], bench['points'] // 500 // 2)
+        self.assertGreater(bench['other_editor_ms']['max'], 0)
+        self.assertLess(bench['log_mb'], 64)
+        self.assertEqual(self.map.read_bytes(), before)
+        self.assertEqual(sorted(self.work.iterdir()), [self.map])
+        self.assertEqual(cairn('bench', 'adjustment', self.map, '--copy', self.map).code, 1)
+        self.assertEqual(self.map.read_bytes(), before)
+
     def setUp(self):
         self.work = pathlib.Path(tempfile.mkdtemp(prefix='work-', dir=self.folder))
         self.map = self.work / 'office.cairn'

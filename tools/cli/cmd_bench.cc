@@ -1,6 +1,7 @@
 // cairn bench: how fast, and with how much memory.
 #include <cstdio>
 
+#include "cli/bench_adjustment.h"
 #include "cli/bench_follow.h"
 #include "cli/bench_server.h"
 #include "cli/cli.h"
@@ -176,6 +177,7 @@ void AddBenchCommand(CLI::App& app, Action* action) {
   verb->require_subcommand(1);
   AddBenchServerCommand(app, verb, action);
   AddBenchFollowCommand(app, verb, action);
+  AddBenchAdjustmentCommand(verb, action);
   CLI::App* odometry = verb->add_subcommand(
       "direct", "The direct odometry: time per stage, speed against real time, frames dropped, peak memory");
   auto options = std::make_shared<BenchOptions>();
