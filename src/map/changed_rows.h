@@ -3,6 +3,7 @@
 // none of its own.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "map/snapshot.h"
@@ -17,6 +18,16 @@ struct ChangedKeyframe {
   bool operator==(const ChangedKeyframe&) const = default;
 };
 
+// Ids that separate rows of two revisions: of each kind, all that the older one had are below, all that came later are
+// not.
+struct FirstNewIds {
+  CameraId camera;
+  SessionId session;
+  ComponentId component;
+  KeyframeId keyframe;
+  PointId point;
+};
+
 // Ids of what was put or removed, ascending: what is in the newer revision was put. One that is not may never have been
 // in the older one.
 struct ChangedRows {
@@ -29,7 +40,9 @@ struct ChangedRows {
   std::vector<ChangedKeyframe> keyframes;
   std::vector<PointId> points;
 
-  bool operator==(const ChangedRows&) const = default;
+  std::optional<FirstNewIds> first_new;  // if whoever tells of the change knows them; not compared
+
+  bool operator==(const ChangedRows& other) const;
 };
 
 ChangedRows AllRows(const Snapshot& map);

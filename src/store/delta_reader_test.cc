@@ -37,6 +37,21 @@ void ExpectCovers(const map::ChangedRows& told, const map::ChangedRows& differen
   }
 }
 
+// All of the map has ids below, and none that it would give next is.
+void ExpectSeparates(const std::optional<map::FirstNewIds>& first_new, const map::Snapshot& map) {
+  ASSERT_TRUE(first_new);
+  EXPECT_LE(first_new->keyframe, map.next_keyframe());
+  EXPECT_LE(first_new->point, map.next_point());
+  EXPECT_LE(first_new->camera, map.next_camera());
+  EXPECT_LE(first_new->session, map.next_session());
+  EXPECT_LE(first_new->component, map.next_component());
+  map.keyframes().ForEach([&](const auto& keyframe) { EXPECT_LT(keyframe->id, first_new->keyframe); });
+  map.points().ForEach([&](const auto& point) { EXPECT_LT(point->id, first_new->point); });
+  for (const auto& [id, camera] : map.cameras()) EXPECT_LT(id, first_new->camera);
+  for (const auto& [id, session] : map.sessions()) EXPECT_LT(id, first_new->session);
+  for (const auto& [id, component] : map.components()) EXPECT_LT(id, first_new->component);
+}
+
 TEST(DeltaReader, FromAnyRevisionToTheNewest) {
   for (const std::uint64_t seed : {1, 2, 3}) {
     const TempFolder folder;
@@ -66,6 +81,8 @@ TEST(DeltaReader, FromAnyRevisionToTheNewest) {
         const auto told = reader->ReadChangedRows(history[i]->revision());
         ASSERT_TRUE(told.ok() && told->has_value()) << told.status();
         ExpectCovers(**told, different);
+        ExpectSeparates((*told)->first_new, *history[i]);
+        ExpectSeparates(different.first_new, *history[i]);
         const auto applied = history[i]->Apply(**read);
         ASSERT_TRUE(applied.ok()) << "from " << i << ", after " << delta.reason << ": " << applied.status();
         EXPECT_TRUE(SameBits(**applied, *history.back())) << "from " << i << ", after " << delta.reason;

@@ -26,19 +26,43 @@ absl::StatusOr<bool> PutSince(Statement* select, KeyframeId id, Revision since) 
   return put;
 }
 
+// The id behind all of a kind that the first `until` revisions have touched.
+template <class IdType>
+absl::Status ReadFirstNew(Database* database, const TableSpec& table, Revision until, IdType next, IdType* first_new) {
+  CAIRN_ASSIGN_OR_RETURN(const std::vector<std::uint32_t> touched,
+                         ReadTouched(database, table, 0, next.value(), until));
+  *first_new = IdType(touched.empty() ? 1 : touched.back() + 1);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<map::FirstNewIds> ReadFirstNewIds(Database* database, const MapRow& row, Revision until) {
+  map::FirstNewIds ids;
+  CAIRN_RETURN_IF_ERROR(ReadFirstNew(database, kCamerasTable, until, row.next_camera, &ids.camera));
+  CAIRN_RETURN_IF_ERROR(ReadFirstNew(database, kSessionsTable, until, row.next_session, &ids.session));
+  CAIRN_RETURN_IF_ERROR(ReadFirstNew(database, kComponentsTable, until, row.next_component, &ids.component));
+  CAIRN_RETURN_IF_ERROR(ReadFirstNew(database, kKeyframesTable, until, row.next_keyframe, &ids.keyframe));
+  CAIRN_RETURN_IF_ERROR(ReadFirstNew(database, kPointsTable, until, row.next_point, &ids.point));
+  return ids;
+}
+
 }  // namespace
 
 absl::StatusOr<std::vector<std::uint32_t>> ReadTouched(Database* database, const TableSpec& table, Revision since,
-                                                       std::uint32_t next) {
+                                                       std::uint32_t next, Revision until) {
   const auto damaged = [](std::int64_t revision, absl::string_view what) {
     return DamagedBy({std::string(kTouchedTable.name), revision, std::string(what)});
   };
   std::vector<std::uint32_t> ids;
   CAIRN_ASSIGN_OR_RETURN(
       Statement rows,
-      database->Prepare("SELECT revision, ids_checksum, ids FROM touched WHERE revision > ? AND kind = ?"));
-  rows.Bind(1, static_cast<std::int64_t>(since));
-  rows.Bind(2, table.name);
+      database->Prepare(
+          "SELECT revision, ids_checksum, ids FROM touched WHERE revision > ?1 AND revision <= ?2 AND kind = ?3"));
+  const auto as_stored = [](Revision revision) {
+    return static_cast<std::int64_t>(std::min<Revision>(revision, std::numeric_limits<std::int64_t>::max()));
+  };
+  rows.Bind(1, as_stored(since));
+  rows.Bind(2, as_stored(until));
+  rows.Bind(3, table.name);
   while (true) {
     CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());
     if (!found) break;
@@ -62,6 +86,10 @@ absl::StatusOr<std::optional<map::ChangedRows>> ReadChangedRows(Database* databa
   map::ChangedRows rows;
   rows.base = since;
   rows.info = row.info_revision > since;
+  // As long as every change is remembered; of ids that are older than what is, it cannot be known.
+  if (row.oldest_delta_base == 0) {
+    CAIRN_ASSIGN_OR_RETURN(rows.first_new, ReadFirstNewIds(database, row, since));
+  }
   CAIRN_RETURN_IF_ERROR(ReadIds(database, kCamerasTable, since, row.next_camera, &rows.cameras));
   CAIRN_RETURN_IF_ERROR(ReadIds(database, kSessionsTable, since, row.next_session, &rows.sessions));
   CAIRN_RETURN_IF_ERROR(ReadIds(database, kComponentsTable, since, row.next_component, &rows.components));

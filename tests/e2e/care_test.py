@@ -94,6 +94,21 @@ class Care(unittest.TestCase):
         self.assertGreater((self.work / 'change.png').stat().st_size, 10000)
         since = must('diff', self.map, '--since', before['revision'])
         self.assertEqual(since['keyframes_removed'], change['keyframes_removed'])
+        self.assertEqual((since['told_apart'], since['keyframes_added'], since['keyframes_came_and_went']), (True, [], []))
+
+        # The visit that is gone by now came since the first: in the map as it was before, and in that of now.
+        came = must('diff', self.both, '--since', must('info', self.alone)['revision'])
+        grown = must('diff', self.alone, self.both)
+        self.assertEqual(came['keyframes_added'], grown['keyframes_added'])
+        self.assertEqual(came['keyframes_removed'], grown['keyframes_removed'])
+        self.assertEqual((came['points_added'], came['points_removed']), (grown['points_added'], grown['points_removed']))
+        self.assertEqual(came['sessions_added'], [2])
+        gone = must('diff', self.map, '--since', must('info', self.alone)['revision'])
+        self.assertEqual(gone['keyframes_added'], [])
+        self.assertEqual(gone['keyframes_came_and_went'], sorted(came['keyframes_added'] + came['keyframes_came_and_went']))
+        words = cairn('diff', self.map, '--since', 1, json_output=False).out
+        self.assertIn('keyframes added (', words)
+        self.assertIn('keyframes that came and went (', words)
         self.assertTrue(must('diff', self.map, self.map)['same'])
 
         self.assertEqual(cairn('session', 'remove', self.map, 2).code, 1)

@@ -5,12 +5,13 @@
 #include <optional>
 
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "base/median.h"
 #include "cli/align_report.h"
 #include "cli/cli.h"
 #include "cli/component_report.h"
+#include "cli/diff_since.h"
 #include "cli/geo_options.h"
+#include "cli/id_lists.h"
 #include "cli/map_scene.h"
 #include "cli/map_to_read.h"
 #include "inspect/difference.h"
@@ -46,30 +47,6 @@ absl::StatusOr<std::shared_ptr<const map::Snapshot>> LoadState(const ServerChoic
   return store->LoadSnapshot();
 }
 
-template <class Ids>
-nlohmann::ordered_json IdsAsJson(const Ids& ids) {
-  nlohmann::ordered_json json = nlohmann::ordered_json::array();
-  for (const auto id : ids) json.push_back(id.value());
-  return json;
-}
-
-// "1-3, 7", at most so many runs.
-template <class Ids>
-std::string Runs(const Ids& ids, std::size_t limit) {
-  std::vector<std::string> runs;
-  for (std::size_t i = 0; i < ids.size();) {
-    std::size_t j = i;
-    while (j + 1 < ids.size() && ids[j + 1].value() == ids[j].value() + 1) ++j;
-    if (runs.size() == limit) {
-      runs.push_back("...");
-      break;
-    }
-    runs.push_back(i == j ? absl::StrCat(ids[i].value()) : absl::StrCat(ids[i].value(), "-", ids[j].value()));
-    i = j + 1;
-  }
-  return absl::StrJoin(runs, ", ");
-}
-
 template <class Moves>
 double MedianShift(const Moves& moves) {  // the largest first
   return moves.empty() ? 0.0 : moves[moves.size() / 2].shift;
@@ -78,13 +55,6 @@ double MedianShift(const Moves& moves) {  // the largest first
 std::string ShiftUnit(const inspect::MapDifference& difference) {
   const bool metres = !difference.fits.empty() && std::ranges::all_of(difference.fits, &inspect::ComponentFit::metres);
   return metres ? "m" : "map units";
-}
-
-template <class Ids>
-void PrintIds(const char* what, const Ids& ids, std::size_t limit) {
-  if (ids.empty()) return;
-  std::fputs(text::Wrapped(absl::StrCat(what, " (", ids.size(), "): ", Runs(ids, limit)), "  ", "    ").c_str(),
-             stdout);
 }
 
 void PrintDifference(const DiffOptions& options, const Compared& compared) {
@@ -283,66 +253,13 @@ absl::StatusOr<Compared> RunDiff(const DiffOptions& options) {
   return compared;
 }
 
-// Of one file: the rows that were put or removed since a revision. What they were before is not kept.
-absl::Status RunSince(const DiffOptions& options) {
-  TellLogDamage("diff", options.server, options.first);
-  CAIRN_ASSIGN_OR_RETURN(const MapToRead source, MapToRead::Open(options.server, options.first));
-  CAIRN_ASSIGN_OR_RETURN(const std::unique_ptr<store::MapStore> store,
-                         store::OpenMapStore(source.path(), store::OpenMode::kRead));
-  CAIRN_ASSIGN_OR_RETURN(const std::shared_ptr<const map::Snapshot> map, store->LoadSnapshot());
-  CAIRN_ASSIGN_OR_RETURN(const auto rows, store->ReadChangedRows(*options.since));
-  if (!rows) {
-    return absl::FailedPreconditionError(absl::StrCat(options.first, " does not know what has changed since revision ",
-                                                      *options.since, ": it is at ", map->revision(),
-                                                      " and keeps the newest ", store::kMaxDeltaRevisions, " changes"));
-  }
-  std::vector<KeyframeId> keyframes_put, keyframes_gone;
-  for (const map::ChangedKeyframe& row : rows->keyframes) {
-    (map->keyframes().Contains(row.id) ? keyframes_put : keyframes_gone).push_back(row.id);
-  }
-  std::vector<PointId> points_put, points_gone;
-  for (const PointId id : rows->points) (map->points().Contains(id) ? points_put : points_gone).push_back(id);
-  if (options.json) {
-    PrintJson({{"map", options.first},
-               {"since", *options.since},
-               {"revision", map->revision()},
-               {"info_put", rows->info},
-               {"geo_anchor", AnchorAsJson(map->info().geo_anchor)},
-               {"cameras_put", IdsAsJson(rows->cameras)},
-               {"sessions_put", IdsAsJson(rows->sessions)},
-               {"components_put", IdsAsJson(rows->components)},
-               {"keyframes_put", IdsAsJson(keyframes_put)},
-               {"keyframes_removed", IdsAsJson(keyframes_gone)},
-               {"points_put", points_put.size()},
-               {"points_removed", points_gone.size()}});
-    return absl::OkStatus();
-  }
-  std::printf("%s: revision %llu to %llu\n", text::Shown(options.first).c_str(),
-              static_cast<unsigned long long>(*options.since), static_cast<unsigned long long>(map->revision()));
-  if (rows->info) {
-    const auto& anchor = map->info().geo_anchor;
-    std::fputs(text::Wrapped(absl::StrCat("what is said of the map as a whole; place on the earth: ",
-                                          anchor ? DescribeAnchor(*anchor) : "not known"),
-                             "  ", "    ")
-                   .c_str(),
-               stdout);
-  }
-  PrintIds("cameras added or changed", rows->cameras, options.limit);
-  PrintIds("sessions added or changed", rows->sessions, options.limit);
-  PrintIds("components added or changed", rows->components, options.limit);
-  PrintIds("keyframes added or changed", keyframes_put, options.limit);
-  PrintIds("keyframes gone, also such as had come since", keyframes_gone, options.limit);
-  std::printf("  points: %zu added or changed, %zu removed\n", points_put.size(), points_gone.size());
-  return absl::OkStatus();
-}
-
 int Diff(const DiffOptions& options) {
   if (options.since.has_value() == !options.second.empty()) {
     return FailUsage("diff", "give two maps, or one and --since", options.json);
   }
   if (options.since) {
     if (!options.picture.empty()) return FailUsage("diff", "--plot draws two maps: not with --since", options.json);
-    const absl::Status status = RunSince(options);
+    const absl::Status status = DiffSince({options.first, options.server, *options.since, options.limit, options.json});
     return status.ok() ? static_cast<int>(kOk) : Fail("diff", status, options.json);
   }
   const absl::StatusOr<Compared> compared = RunDiff(options);
