@@ -197,19 +197,20 @@ void PrintSessions(const map::MapOverview& map) {
     const char* state = session->complete   ? ""
                         : map.being_written ? " (running, or cut off)"
                                             : " (cut off: its process has ended)";
-    std::printf("%s", Wrapped(absl::StrFormat("session %u: %s, camera %u, %.1f s, %d keyframes%s, by cairn %s%s%s",
-                                              session->id.value(), Shown(session->source), session->camera.value(),
-                                              duration_s, keyframes, came_out, Shown(session->software_version),
-                                              started.empty() ? "" : absl::StrCat(" on ", started), state),
-                              "  ", "    ")
-                          .c_str());
+    std::printf("%s",
+                Wrapped(absl::StrFormat("session %u: %s, camera %u, %.1f s, %s%s, by cairn %s%s%s", session->id.value(),
+                                        Shown(session->source), session->camera.value(), duration_s,
+                                        text::Keyframes(keyframes), came_out, Shown(session->software_version),
+                                        started.empty() ? "" : absl::StrCat(" on ", started), state),
+                        "  ", "    ")
+                    .c_str());
     if (sessions.size() <= kListed) PrintLoopsAndTrajectory(*session, "    ");
   }
 }
 
 void PrintQuality(const map::StoredSummary& summary, const map::MapQuality& quality) {
-  std::printf("  %lld keyframes with %.0f features (%.0f with a point), %.1f covisible each\n",
-              static_cast<long long>(summary.keyframes), quality.features, quality.points, quality.covisible);
+  std::printf("  %s with %.0f features (%.0f with a point), %.1f covisible each\n",
+              text::Keyframes(summary.keyframes).c_str(), quality.features, quality.points, quality.covisible);
   const std::string error =
       quality.error_keyframes == 0
           ? "not known"
@@ -217,7 +218,7 @@ void PrintQuality(const map::StoredSummary& summary, const map::MapQuality& qual
                             quality.error_keyframes < summary.keyframes
                                 ? absl::StrCat(" (in ", quality.error_keyframes, " of the keyframes)")
                                 : "");
-  const std::string seen = absl::StrFormat("%d points, seen %.1f times each; error %s", summary.points,
+  const std::string seen = absl::StrFormat("%s, seen %.1f times each; error %s", text::Points(summary.points),
                                            quality.observations_per_point, error);
   std::fputs(Wrapped(seen, "  ", "    ").c_str(), stdout);
 }

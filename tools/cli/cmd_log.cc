@@ -52,7 +52,7 @@ nlohmann::ordered_json AsJson(const map::LoggedChange& change) {
 std::string Touched(const map::LoggedChange& change) {
   std::vector<std::string> put, removed;
   const auto add = [](std::int64_t count, const char* what, std::vector<std::string>* list) {
-    if (count > 0) list->push_back(absl::StrCat(count, " ", what, count == 1 ? "" : "s"));
+    if (count > 0) list->push_back(text::Counted(count, what));
   };
   add(change.keyframes_put, "keyframe", &put);
   add(change.points_put, "point", &put);

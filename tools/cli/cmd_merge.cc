@@ -56,15 +56,16 @@ void PrintMerge(const MergeCommand& command, const care::Merged& merged) {
                    .c_str(),
                stdout);
   } else {
-    std::printf("%s: %zu keyframes, %zu points\n", text::Shown(command.out).c_str(), merged.map->keyframes().size(),
-                merged.map->points().size());
+    text::Say(absl::StrFormat("%s: %s, %s\n", text::Shown(command.out),
+                              text::Keyframes(static_cast<std::int64_t>(merged.map->keyframes().size())),
+                              text::Points(static_cast<std::int64_t>(merged.map->points().size()))));
   }
   for (const care::MergeAttempt& attempt : merged.attempts) {
-    std::string told = absl::StrFormat("component %u of the second: %d keyframes looked for, %d found in the first",
-                                       attempt.component.value(), attempt.keyframes, attempt.seen);
+    std::string told = absl::StrFormat("component %u of the second: %s looked for, %d found in the first",
+                                       attempt.component.value(), text::Keyframes(attempt.keyframes), attempt.seen);
     if (attempt.joined_into) {
-      absl::StrAppendFormat(&told, "; joined to component %u, lengths x %.4g, %d points became one",
-                            attempt.joined_into.value(), attempt.scale, attempt.fused_points);
+      absl::StrAppendFormat(&told, "; joined to component %u, lengths x %.4g, %s became one",
+                            attempt.joined_into.value(), attempt.scale, text::Points(attempt.fused_points));
     } else if (attempt.seen > 0) {
       absl::StrAppendFormat(&told, "; at best %d of %d agree, %d of %d neighbours: %s", attempt.sightings_agreeing,
                             attempt.sightings_checked, attempt.neighbours_agreeing, attempt.neighbours_checked,
@@ -73,8 +74,8 @@ void PrintMerge(const MergeCommand& command, const care::Merged& merged) {
     std::fputs(text::Wrapped(told, "  ", "    ").c_str(), stdout);
   }
   if (merged.adjusted_keyframes > 0) {
-    std::printf("  %lld keyframes adjusted: %.2f px per axis, as at octave 0\n",
-                static_cast<long long>(merged.adjusted_keyframes), merged.adjustment_rmse_px);
+    std::printf("  %s adjusted: %.2f px per axis, as at octave 0\n", text::Keyframes(merged.adjusted_keyframes).c_str(),
+                merged.adjustment_rmse_px);
   }
 }
 

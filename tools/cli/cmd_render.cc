@@ -121,8 +121,10 @@ void AddRenderCommand(CLI::App& app, Action* action) {
                    {"points", rendered->points},
                    {"unit", rendered->unit}});
       } else {
-        text::Say(absl::StrFormat("%s: %zu keyframes and %zu points of %s\n", text::Shown(options->out),
-                                  rendered->cameras, rendered->points, NameComponents(rendered->components)));
+        text::Say(absl::StrFormat("%s: %s and %s of %s\n", text::Shown(options->out),
+                                  text::Keyframes(static_cast<std::int64_t>(rendered->cameras)),
+                                  text::Points(static_cast<std::int64_t>(rendered->points)),
+                                  NameComponents(rendered->components)));
       }
       return static_cast<int>(kOk);
     };

@@ -38,17 +38,15 @@ absl::StatusOr<api::SessionRemoval> RemoveIt(const RemoveOptions& options) {
 }
 
 void PrintRemoval(const RemoveOptions& options, const api::SessionRemoval& removal) {
-  text::Say(absl::StrFormat("%s: session %u is removed: %lld keyframes, and %lld points that nobody else sees\n",
-                            text::Shown(options.map), removal.session.value(),
-                            static_cast<long long>(removal.keyframes), static_cast<long long>(removal.points)));
+  text::Say(absl::StrFormat("%s: session %u is removed: %s, and %s that nobody else sees\n", text::Shown(options.map),
+                            removal.session.value(), text::Keyframes(removal.keyframes), text::Points(removal.points)));
   for (const ComponentId id : removal.removed_components) {
     text::Say(absl::StrFormat("  component %u was its alone, and is gone\n", id.value()));
   }
   if (removal.adjusted_keyframes > 0) {
     text::Say(absl::StrFormat(
-        "  %lld keyframes of others adjusted: %.2f px per axis, as at octave 0; moved by %.2g %% of their depth\n",
-        static_cast<long long>(removal.adjusted_keyframes), removal.adjustment_rmse_px,
-        100.0 * removal.median_move_share));
+        "  %s of others adjusted: %.2f px per axis, as at octave 0; moved by %.2g %% of their depth\n",
+        text::Keyframes(removal.adjusted_keyframes), removal.adjustment_rmse_px, 100.0 * removal.median_move_share));
   }
   text::Say(absl::StrFormat("  revision %llu\n", static_cast<unsigned long long>(removal.revision)));
 }

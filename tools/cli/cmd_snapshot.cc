@@ -43,10 +43,10 @@ absl::Status TakeSnapshot(const SnapshotOptions& options) {
   if (options.json) {
     PrintJson(SummaryAsJson(copy));
   } else {
-    text::Say(absl::StrFormat("%s is a copy of %s at revision %llu: %lld keyframes, %lld points, %.1f MB\n",
-                              text::Shown(copy.name), text::Shown(options.map),
-                              static_cast<unsigned long long>(copy.revision), static_cast<long long>(copy.keyframes),
-                              static_cast<long long>(copy.points), static_cast<double>(copy.file_bytes) / 1e6));
+    text::Say(absl::StrFormat("%s is a copy of %s at revision %llu: %s, %s, %.1f MB\n", text::Shown(copy.name),
+                              text::Shown(options.map), static_cast<unsigned long long>(copy.revision),
+                              text::Keyframes(copy.keyframes), text::Points(copy.points),
+                              static_cast<double>(copy.file_bytes) / 1e6));
   }
   return absl::OkStatus();
 }

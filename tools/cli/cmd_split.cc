@@ -123,8 +123,8 @@ void PrintSplit(const SplitCommand& command, const std::vector<Part>& parts) {
     return;
   }
   for (const Part& part : parts) {
-    text::Say(absl::StrFormat("%s: %lld keyframes, %lld points\n", text::Shown(part.file),
-                              static_cast<long long>(part.keyframes), static_cast<long long>(part.points)));
+    text::Say(absl::StrFormat("%s: %s, %s\n", text::Shown(part.file), text::Keyframes(part.keyframes),
+                              text::Points(part.points)));
   }
 }
 

@@ -95,8 +95,8 @@ void PrintComponents(const std::vector<ToldComponent>& components, const char* i
     const auto& world = component.world_from_component;
     const std::string of = sessions.size() > 4 ? absl::StrCat("s: ", sessions.size(), " of them")
                                                : absl::StrCat(sessions.size() > 1 ? "s " : " ", Join(sessions));
-    std::printf("%s%scomponent %u: %lld keyframes of session%s, %s", indent, deeper, component.id.value(),
-                static_cast<long long>(keyframes), of.c_str(), world ? "aligned" : "not aligned (cairn align)");
+    std::printf("%s%scomponent %u: %s of session%s, %s", indent, deeper, component.id.value(),
+                text::Keyframes(keyframes).c_str(), of.c_str(), world ? "aligned" : "not aligned (cairn align)");
     if (world) std::printf(", scale %.4f", world->scale());
     std::printf("\n");
   }

@@ -142,8 +142,9 @@ void TellJson(const ModelExport& options, const map::Snapshot& map, const Recons
 
 void Tell(const ModelExport& options, const Reconstruction& model, std::size_t images) {
   const exchange::ModelErrors errors = exchange::MeasureErrors(model);
-  text::Say(absl::StrFormat("%s: %s of %zu keyframes and %zu points, in %s\n", text::Shown(options.out), options.format,
-                            model.images.size(), model.points.size(),
+  text::Say(absl::StrFormat("%s: %s of %s and %s, in %s\n", text::Shown(options.out), options.format,
+                            text::Keyframes(static_cast<std::int64_t>(model.images.size())),
+                            text::Points(static_cast<std::int64_t>(model.points.size())),
                             model.metric ? "the world, metres" : "map units"));
   if (const std::string without = model.left_out.Text(); !without.empty()) {
     text::Say(absl::StrCat("  ", without, " (--component ID)\n"));

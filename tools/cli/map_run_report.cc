@@ -205,8 +205,8 @@ void PrintShares(const engine::SessionReport& report, const map::Session& sessio
       static_cast<long long>(with_frames), ComponentOfFiles(report).value()));
   for (const engine::ComponentShare& share : report.components) {
     if (share.frames == 0) continue;
-    text::Say(absl::StrFormat("    component %u: %lld keyframes, %lld frames from %.1f to %.1f s\n", share.id.value(),
-                              static_cast<long long>(share.keyframes), static_cast<long long>(share.frames),
+    text::Say(absl::StrFormat("    component %u: %s, %lld frames from %.1f to %.1f s\n", share.id.value(),
+                              text::Keyframes(share.keyframes), static_cast<long long>(share.frames),
                               ToSeconds(share.first_ns - session.first_ns),
                               ToSeconds(share.last_ns - session.first_ns)));
   }
@@ -259,8 +259,8 @@ void PrintForPeople(const RunOptions& options, const engine::SessionReport& repo
                     std::optional<std::int64_t> live_poses) {
   PrintDoubt(report);
   PrintCalibration(report);
-  text::Say(absl::StrFormat("%s: %lld keyframes, %lld points\n", text::Shown(options.map),
-                            static_cast<long long>(report.keyframes), static_cast<long long>(report.points)));
+  text::Say(absl::StrFormat("%s: %s, %s\n", text::Shown(options.map), text::Keyframes(report.keyframes),
+                            text::Points(report.points)));
   if (const std::string where = WhereItIs(report, session); !where.empty()) text::Say(absl::StrFormat("  %s\n", where));
   for (const mapping::JoinReport& join : report.joins) {
     if (!join.gap) continue;

@@ -31,6 +31,10 @@ void Fill(std::string* line, int columns) { line->append(static_cast<std::size_t
 
 std::string Shown(absl::string_view text) { return cairn::Shown(text); }
 
+std::string Counted(std::int64_t count, absl::string_view what) {
+  return absl::StrCat(count, " ", what, count == 1 ? "" : "s");
+}
+
 int DisplayWidth(absl::string_view text) {
   int columns = 0;
   while (!text.empty()) {

@@ -1,6 +1,7 @@
 // Text for people: columns that line up, lines that fit a terminal of 80 columns, names that cannot command it.
 #pragma once
 
+#include <cstdint>
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -14,6 +15,11 @@ inline constexpr int kTextColumns = 80;
 // What others chose (names, reasons, file names), safe to be printed: control characters, and bytes that are no UTF-8,
 // as \xNN.
 std::string Shown(absl::string_view text);
+
+// "1 keyframe", "12 keyframes": of what is made plural by an s.
+std::string Counted(std::int64_t count, absl::string_view what);
+inline std::string Keyframes(std::int64_t count) { return Counted(count, "keyframe"); }
+inline std::string Points(std::int64_t count) { return Counted(count, "point"); }
 
 // How many columns of a terminal a text takes: East Asian wide characters take two, combining ones none.
 int DisplayWidth(absl::string_view text);

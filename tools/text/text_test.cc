@@ -24,6 +24,12 @@ TEST(Shown, WhatCommandsATerminalIsWrittenOut) {
             "abc");  // writes from right to left
 }
 
+TEST(Counted, OneIsNoPlural) {
+  EXPECT_EQ(Keyframes(0), "0 keyframes");
+  EXPECT_EQ(Keyframes(1), "1 keyframe");
+  EXPECT_EQ(Points(1234), "1234 points");
+}
+
 TEST(DisplayWidth, OfWideAndCombiningCharacters) {
   EXPECT_EQ(DisplayWidth("abc"), 3);
   EXPECT_EQ(DisplayWidth("\xe5\x8f\xb0\xe6\x89\x80"), 4);
