@@ -269,7 +269,11 @@ void AddCoverageCommand(CLI::App& app, Action* action) {
     *action = [=] {
       const auto coverage = RunCoverage(*command);
       if (!coverage.ok()) return Fail("coverage", coverage.status(), command->json);
-      return static_cast<int>(coverage->share < command->fail_below ? kNotLocalized : kOk);
+      if (coverage->share >= command->fail_below) return static_cast<int>(kOk);
+      std::fprintf(stderr, "cairn coverage: %.1f %% of the views are found, less than --fail-below %g%s\n",
+                   100.0 * coverage->share, command->fail_below,
+                   coverage->tests.empty() ? ": the map has no view to look for" : "");
+      return static_cast<int>(kNotLocalized);
     };
   });
 }

@@ -1,6 +1,7 @@
 // cairn log: what has changed a map, when, and who did it.
 #include <cstdio>
 
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "cli/cli.h"
 #include "cli/map_to_read.h"
@@ -93,10 +94,9 @@ absl::Status Log(const LogOptions& options) {
   }
   for (const map::LoggedChange& change : log.changes) {
     const std::string when = FormatUnixTime(change.committed_unix_ns);
-    std::printf("%6llu  %-23s  %-9s  %s\n        %s\n", static_cast<unsigned long long>(change.revision),
-                when.empty() ? "-" : when.c_str(),
-                change.session ? absl::StrCat("session ", change.session.value()).c_str() : "-",
-                text::Shown(change.reason).c_str(), Touched(change).c_str());
+    text::Say(absl::StrFormat("%6llu  %-23s  %-9s  %s\n        %s\n", change.revision, when.empty() ? "-" : when,
+                              change.session ? absl::StrCat("session ", change.session.value()) : "-",
+                              text::Shown(change.reason), Touched(change)));
   }
   if (log.changes.empty()) std::printf("no change of the map fits (the newest %d are kept)\n", map::kMaxLoggedChanges);
   return absl::OkStatus();
