@@ -94,6 +94,7 @@ std::string HintFor(const std::string& said, const RemoteOptions& options) {
   if (closed) {
     return "is cairnd running there, and does it speak TLS (--ca, --tls)?";
   }
+  if (absl::StrContains(message, "http1")) return "that is an HTTP port: cairnd answers clients at that of gRPC (7878)";
   return "is cairnd running there?";
 }
 

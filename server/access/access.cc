@@ -123,6 +123,18 @@ std::optional<Client> Access::LetGo(const std::string& map, SessionId session) {
   return client;
 }
 
+void Access::RecordCutOff() {
+  decltype(held_) held;
+  {
+    const std::lock_guard lock(held_mutex_);
+    held.swap(held_);
+  }
+  for (const auto& [session, client] : held) {
+    Record(client, {"session_cut_off", session.first, absl::StrFormat(R"({"session":%d})", session.second.value())},
+           absl::OkStatus());
+  }
+}
+
 void Access::RecordUnknown(const Caller& caller, const std::string& request_id, const absl::Status& refused) {
   if (audit_ == nullptr) return;
   constexpr std::chrono::seconds kPause(1);

@@ -64,6 +64,11 @@ class Access {
   void Hold(const std::string& map, SessionId session, const Client& client);
   // No more, and whose it was; none: nobody has said.
   std::optional<Client> LetGo(const std::string& map, SessionId session);
+  // The server stops: streams that end from now on are not left by their clients.
+  void BeginStop() { stopping_ = true; }
+  bool stopping() const { return stopping_; }
+  // Once nothing is served any more: a line in the audit log for every session that is held still.
+  void RecordCutOff();
   // Lines of the audit log that could not be written: what they were of has happened all the same.
   std::int64_t lost_audit_lines() const { return lost_audit_lines_; }
   // One line in the log of requests.
@@ -79,6 +84,7 @@ class Access {
   std::unique_ptr<JsonLog> requests_;
   ClientLimits limits_;
   std::atomic<std::int64_t> lost_audit_lines_ = 0;
+  std::atomic<bool> stopping_ = false;
   std::mutex held_mutex_;
   std::map<std::pair<std::string, SessionId>, Client> held_;  // with held_mutex_
   std::mutex unknown_mutex_;                                  // guards what follows

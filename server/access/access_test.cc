@@ -297,6 +297,27 @@ TEST_F(AccessTest, ASessionThatCouldNotGoOnIsNoneThatItsClientLeft) {
   EXPECT_EQ(lines[3]["outcome"], "unauthenticated");
 }
 
+TEST_F(AccessTest, ASessionThatEndsWithTheServerIsNotLeftByItsClient) {
+  const auto gone = [&] { return *As(robot_).StartSession(Request("office")); };
+  gone();
+  auto open = gone();
+  access_->BeginStop();
+  open.reset();
+  Client robot;
+  robot.token_name = "robot";
+  access_->Hold("lobby", SessionId(7), robot);
+  access_->RecordCutOff();
+  access_->RecordCutOff();
+  const std::vector<json> lines = Audit();
+  ASSERT_EQ(lines.size(), 5u);
+  EXPECT_EQ(lines[1]["action"], "session_left");
+  EXPECT_EQ(lines[3]["action"], "session_cut_off");
+  EXPECT_EQ(lines[3]["map"], "lobby");
+  EXPECT_EQ(lines[3]["token"], "robot");
+  EXPECT_EQ(lines[3]["details"]["session"], 7);
+  EXPECT_EQ(lines[4]["map"], "office");
+}
+
 // However often they knock.
 TEST_F(AccessTest, WhoIsNotKnownLeavesALineASecond) {
   Caller caller;

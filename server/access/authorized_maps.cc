@@ -54,7 +54,7 @@ class AuthorizedSession final : public api::MapSession {
   // does a session that could not go on.
   ~AuthorizedSession() override {
     if (finished_ || broken_) access_.LetGo(map(), progress().session);
-    if (finished_) return;
+    if (finished_ || (ended_.ok() && access_.stopping())) return;  // the latter is told with all that are cut off
     access_.Record(client_, {ended_.ok() ? "session_left" : "session_failed", map(), SessionDetails(*session_)},
                    ended_);
   }

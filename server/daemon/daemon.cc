@@ -279,12 +279,14 @@ void Daemon::Tick(std::chrono::steady_clock::time_point now) {
 
 void Daemon::Stop(std::chrono::milliseconds grace) {
   const auto until = std::chrono::steady_clock::now() + grace;
+  if (access_ != nullptr) access_->BeginStop();
   if (http_api_ != nullptr) http_api_->Stop();
   if (maps_ != nullptr) maps_->Hurry();
   if (access_ != nullptr) access_->limits().Stop();
   if (grpc_ != nullptr) grpc_->Stop(grace);
   const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now());
   if (http_ != nullptr) http_->Stop(std::max(left, std::chrono::milliseconds(0)));
+  if (access_ != nullptr) access_->RecordCutOff();
 }
 
 }  // namespace cairn::server

@@ -459,6 +459,11 @@ TEST_F(HttpApiTest, TheDescriptionHasEveryRouteAndFitsTheAnswers) {
       paths.insert(upper + " " + path);
       EXPECT_TRUE(operations.insert(operation["operationId"].get<std::string>()).second);
       EXPECT_TRUE(operation["responses"].contains("200"));
+      // What becomes of a file that is no map, or one of a newer version.
+      const bool of_a_map = path.starts_with("/v1/maps/{map}") || path == "/v1/localize";
+      const bool opens_it = of_a_map && method != "delete" && !path.ends_with("/sessions");
+      EXPECT_TRUE(!of_a_map || operation["responses"].contains("409")) << method << " " << path;
+      EXPECT_TRUE(!opens_it || operation["responses"].contains("501")) << method << " " << path;
     }
   }
   EXPECT_EQ(routes, paths);

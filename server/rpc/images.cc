@@ -41,8 +41,9 @@ absl::StatusOr<cv::Mat> Decode(const std::string& file, const Camera& camera) {
 
 absl::Status CheckImageSize(const Camera& camera, const ImageLimits& limits) {
   if (std::int64_t{camera.width_px} * camera.height_px <= limits.max_pixels) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat("image: ", camera.width_px, "x", camera.height_px,
-                                                 " px are more than the ", limits.max_pixels, " allowed here"));
+  return absl::InvalidArgumentError(absl::StrCat(
+      "image: ", camera.width_px, "x", camera.height_px, " px are more than the ",
+      1e-6 * static_cast<double>(limits.max_pixels), " megapixels that this server takes (--max-image-megapixels)"));
 }
 
 absl::StatusOr<cv::Mat> GrayImageOf(const v1::Image& image, const Camera& camera, const ImageLimits& limits) {

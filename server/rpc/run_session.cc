@@ -35,10 +35,17 @@ class SessionCall {
       }
       if (!stream_.Write(response_)) break;
     }
-    return absl::CancelledError("the client is gone; the session waits for it");
+    return Left();
   }
 
  private:
+  absl::Status Left() const {
+    if (context_.access != nullptr && context_.access->stopping()) {
+      return absl::UnavailableError("the server stops; what the session was told is durable stays in the map");
+    }
+    return absl::CancelledError("the client is gone; the session waits for it");
+  }
+
   absl::Status Start() {
     if (!request_.has_start()) return absl::InvalidArgumentError("session: it begins with `start`");
     const v1::StartSession& start = request_.start();
@@ -61,7 +68,7 @@ class SessionCall {
       wire::ToProto(*session_->last_answer(), started->mutable_answer());
     }
     AddProgress();
-    if (!stream_.Write(response_)) return absl::CancelledError("the client is gone; the session waits for it");
+    if (!stream_.Write(response_)) return Left();
     return absl::OkStatus();
   }
 

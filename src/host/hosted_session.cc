@@ -93,14 +93,20 @@ void HostedSession::Look() {
 
 absl::StatusOr<api::SessionAnswer> HostedSession::AddFrame(const api::SessionFrame& frame) {
   absl::StatusOr<api::SessionAnswer> answer = Track(frame);
-  if (!answer.ok()) return tell_(answer.status(), progress_.revision);
+  if (!answer.ok()) return Failed(answer.status());
   return answer;
 }
 
 absl::StatusOr<api::SessionSummary> HostedSession::Finish() {
   absl::StatusOr<api::SessionSummary> summary = End();
-  if (!summary.ok()) return tell_(summary.status(), progress_.revision);
+  if (!summary.ok()) return Failed(summary.status());
   return summary;
+}
+
+// Some of what was under way may have become durable before the rest failed.
+absl::Status HostedSession::Failed(const absl::Status& error) {
+  Look();
+  return tell_(error, progress_.revision);
 }
 
 absl::StatusOr<api::SessionAnswer> HostedSession::Track(const api::SessionFrame& frame) {

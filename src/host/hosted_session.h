@@ -40,6 +40,7 @@ class HostedSession {
   absl::StatusOr<api::SessionAnswer> Track(const api::SessionFrame& frame);
   absl::StatusOr<api::SessionSummary> End();
   void Look();
+  absl::Status Failed(const absl::Status& error);
 
   const std::shared_ptr<engine::LiveMap> map_;  // outlives the session
   std::shared_ptr<engine::Subscription> changes_;

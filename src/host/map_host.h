@@ -123,7 +123,7 @@ class MapHost : public api::MapService {
   // Where a map of this name would be.
   std::string FileOf(const std::string& map) const;
   // Where files are made and removed again: beside the maps, or where the system has such files if that is not allowed.
-  std::string ScratchFolder() const;
+  std::string ScratchFolder(std::int64_t bytes) const;
   // The names of what look like maps, ascending.
   std::vector<std::string> Names() const;
   map::MapInfo NewInfo(const std::string& title, const place::Vocabulary& vocabulary) const;

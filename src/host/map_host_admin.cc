@@ -20,9 +20,30 @@
 
 namespace cairn::host {
 
-std::string MapHost::ScratchFolder() const {
+namespace {
+
+// With what is in its log.
+std::int64_t BytesOf(const std::string& path) {
+  std::int64_t bytes = 0;
+  for (const char* suffix : {"", "-wal"}) {
+    std::error_code error;
+    const auto size = std::filesystem::file_size(path + suffix, error);
+    if (!error) bytes += static_cast<std::int64_t>(size);
+  }
+  return bytes;
+}
+
+}  // namespace
+
+std::string MapHost::ScratchFolder(std::int64_t bytes) const {
   const bool may_write = faccessat(AT_FDCWD, options_.directory.c_str(), W_OK | X_OK, AT_EACCESS) == 0;
-  return may_write ? options_.directory : std::filesystem::temp_directory_path().string();
+  if (may_write && FreeBytes() >= bytes) return options_.directory;
+  std::error_code error;
+  const std::filesystem::path other = std::filesystem::temp_directory_path(error);
+  if (error) return options_.directory;
+  const std::filesystem::space_info space = std::filesystem::space(other, error);
+  const bool has_room = !error && static_cast<std::int64_t>(space.available) >= bytes;
+  return may_write && !has_room ? options_.directory : other.string();
 }
 
 absl::Status MapHost::ToldOfChange(const absl::Status& status, absl::string_view undone) const {
@@ -205,7 +226,8 @@ absl::StatusOr<api::MapLog> MapHost::Log(const std::string& map, const map::Chan
 absl::Status MapHost::Export(const std::string& map, api::ExportContent content, const api::ExportSink& sink) {
   return Guarded([&]() -> absl::Status {
     CAIRN_ASSIGN_OR_RETURN(const std::string path, PathOf(map));
-    const std::string folder = ScratchFolder();
+    // No form takes more room than the map itself.
+    const std::string folder = ScratchFolder(BytesOf(path));
     const std::string scratch = absl::StrCat(folder, "/.export-", getpid(), "-", ++scratch_files_);
     const absl::Status exported = ExportMapTo(path, content, scratch, sink);
     if (folder == options_.directory) return ToldOfChange(exported, absl::StrCat("map \"", map, "\" is not exported"));
@@ -213,7 +235,7 @@ absl::Status MapHost::Export(const std::string& map, api::ExportContent content,
     if (store::FaultOf(told) == store::Fault::kNone) return told;
     return Annotate(told, absl::StrCat("map \"", map,
                                        "\" is not exported by way of the server's folder for temporary "
-                                       "files (TMPDIR), as it may not write to that of the maps"));
+                                       "files (TMPDIR), as that of the maps may not be written or has no room"));
   });
 }
 

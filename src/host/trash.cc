@@ -62,7 +62,7 @@ absl::Status Trash::GiveBack(const std::string& deleted, const std::string& path
   CAIRN_RETURN_IF_ERROR(api::ParseDeletedName(deleted).status());
   std::error_code error;
   if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(PathOf(deleted), error))) {
-    return store::MakeFault(store::Fault::kNotFound, absl::StrCat("there is no \"", deleted, "\" in the trash"));
+    return absl::NotFoundError(absl::StrCat("there is no \"", deleted, "\" in the trash"));
   }
   return store::MoveMapStore(PathOf(deleted), path);
 }

@@ -18,7 +18,7 @@ class Trash {
   absl::StatusOr<std::string> Take(const std::string& map, const std::string& path) const;
   // By time.
   absl::StatusOr<std::vector<api::DeletedMap>> List() const;
-  // Moves it to `path`. The fault kNotFound if it is not here, kExists if there is something at `path`.
+  // Moves it to `path`. NotFound (without a fault) if it is not here, kExists if there is something at `path`.
   absl::Status GiveBack(const std::string& deleted, const std::string& path) const;
 
  private:

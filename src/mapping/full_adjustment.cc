@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <ranges>
 
 #include "mapping/held.h"
 #include "optimization/bundle_adjustment.h"
@@ -152,11 +151,11 @@ void AdjustmentMerge::MovePoints(const map::Keyframe& keyframe, const SE3& camer
 }
 
 void AdjustmentMerge::DropRejected(KeyframeId id, map::Edit& edit) const {
-  const auto [begin, end] =
-      std::ranges::equal_range(adjustment_.rejected, id, {}, &std::pair<PointId, KeyframeId>::second);
-  for (const auto& [point, keyframe] : std::ranges::subrange(begin, end)) {
-    if (edit.FindPoint(point) != nullptr && edit.FindKeyframe(keyframe) != nullptr) {
-      edit.RemoveObservation(point, keyframe);
+  const auto before = [](const std::pair<PointId, KeyframeId>& pair, KeyframeId other) { return pair.second < other; };
+  auto rejected = std::lower_bound(adjustment_.rejected.begin(), adjustment_.rejected.end(), id, before);
+  for (; rejected != adjustment_.rejected.end() && rejected->second == id; ++rejected) {
+    if (edit.FindPoint(rejected->first) != nullptr && edit.FindKeyframe(id) != nullptr) {
+      edit.RemoveObservation(rejected->first, id);
     }
   }
 }

@@ -15,7 +15,7 @@
 namespace cairn::store {
 namespace {
 
-// Puts what a killed writer left in the log into the file: the log goes by the file's name.
+// Puts what a killed writer left in the log into the file: the log goes by the file's name. kFull if there is no room.
 absl::Status FoldLog(const std::string& path) {
   const std::string log = absl::StrCat(path, kLogSuffix);
   if (!HasContent(log)) return absl::OkStatus();
@@ -25,6 +25,20 @@ absl::Status FoldLog(const std::string& path) {
   CAIRN_RETURN_IF_ERROR(database->Close());
   if (!HasContent(log)) return absl::OkStatus();
   return MakeFault(Fault::kBusy, "somebody is reading it, so that its newest changes are not in the file: try again");
+}
+
+// On a full disk the log goes along, as moving takes no room. Of the two, the map is first: a process that is killed
+// between leaves a log without a map, which nobody takes for one, and a map that is good without it.
+absl::Status MoveWithLog(const std::string& source, const std::string& target) {
+  const auto log = [](const std::string& path) { return absl::StrCat(path, kLogSuffix); };
+  if (rename(source.c_str(), target.c_str()) != 0) return SystemFault("giving it another name", errno);
+  if (rename(log(source).c_str(), log(target).c_str()) != 0) {
+    const int error = errno;
+    if (rename(target.c_str(), source.c_str()) != 0) return SystemFault("giving it its old name back", errno);
+    return SystemFault("giving its write-ahead log another name", error);
+  }
+  RemoveCompanions(source);
+  return absl::OkStatus();
 }
 
 absl::Status MoveFile(const std::string& from, const std::string& to) {
@@ -40,10 +54,16 @@ absl::Status MoveFile(const std::string& from, const std::string& to) {
   CAIRN_ASSIGN_OR_RETURN(const auto source_lock, WriterLock::Acquire(source));
   CAIRN_ASSIGN_OR_RETURN(const auto target_lock, WriterLock::Acquire(target));
   if (access(target.c_str(), F_OK) == 0) return MakeFault(Fault::kExists, "there is a file of the new name already");
-  CAIRN_RETURN_IF_ERROR(FoldLog(source));
-  RemoveCompanions(source);
+  const absl::Status folded = FoldLog(source);
+  const bool with_log = FaultOf(folded) == Fault::kFull;
+  if (!with_log) CAIRN_RETURN_IF_ERROR(folded);
   RemoveCompanions(target);
-  if (rename(source.c_str(), target.c_str()) != 0) return SystemFault("giving it another name", errno);
+  if (with_log) {
+    CAIRN_RETURN_IF_ERROR(MoveWithLog(source, target));
+  } else {
+    RemoveCompanions(source);
+    if (rename(source.c_str(), target.c_str()) != 0) return SystemFault("giving it another name", errno);
+  }
   CAIRN_RETURN_IF_ERROR(SyncFolder(FolderOf(target)));
   return SyncFolder(FolderOf(source));
 }

@@ -1,6 +1,7 @@
 // Maps under other names.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <csignal>
@@ -61,6 +62,27 @@ TEST(MapMove, WithWhatAKilledWriterLeft) {
     EXPECT_EQ(RevisionAt(folder.File("trash/b.cairn")), revision);
     EXPECT_THAT(folder.Names(), ::testing::ElementsAre("trash")) << "neither the file nor its log";
   }
+}
+
+// Where there is no room to put the log into the file: what is to be thrown away must not need any.
+TEST(MapMove, OnAFullDiskTheLogGoesAlong) {
+  const TempFolder folder;
+  std::filesystem::create_directory(folder.File("trash"));
+  const Revision revision = WriteMap(folder.File("a.cairn"), 3, /*die=*/true);
+  const pid_t child = InChild([&] {
+    std::signal(SIGXFSZ, SIG_IGN);
+    const auto bytes = static_cast<rlim_t>(std::filesystem::file_size(folder.File("a.cairn")));
+    const rlimit limit{bytes, bytes};
+    if (setrlimit(RLIMIT_FSIZE, &limit) != 0) return 1;
+    return MoveMapStore(folder.File("a.cairn"), folder.File("trash/b.cairn")).ok() ? 0 : 2;
+  });
+  ASSERT_EQ(ExitCode(child), 0);
+  EXPECT_TRUE(std::filesystem::exists(folder.File("trash/b.cairn-wal")));
+  EXPECT_THAT(folder.Names(), ::testing::ElementsAre("trash"));
+  // And back, with room again.
+  ASSERT_TRUE(MoveMapStore(folder.File("trash/b.cairn"), folder.File("a.cairn")).ok());
+  EXPECT_THAT(folder.Names(), ::testing::ElementsAre("a.cairn", "trash"));
+  EXPECT_EQ(RevisionAt(folder.File("a.cairn")), revision);
 }
 
 TEST(MapMove, ReadersNotice) {

@@ -186,6 +186,14 @@ absl::Status CheckLog(const std::string& path) {
     if (wrong.empty()) return absl::OkStatus();
     if (attempt >= 2 && !WriterLock::IsHeld(path)) break;
   }
+  if (WriterLock::IsHeld(path)) {
+    return MakeFault(Fault::kForeignLog,
+                     absl::StrCat("another file was put in its place while it is written, so that the write-ahead log "
+                                  "beside it, ",
+                                  log_path, ", is of the map that was there: ", wrong,
+                                  ". Leave both as they are until the writer ends: it saves its map beside this one, "
+                                  "as .rescued"));
+  }
   return MakeFault(Fault::kForeignLog,
                    absl::StrCat("the write-ahead log beside it, ", log_path, ", does not belong to this file: ", wrong,
                                 ". Was a copy put over a map whose writer had been killed? The file is complete as it "

@@ -331,7 +331,7 @@ class CommandLine(unittest.TestCase):
         self.assertTrue(session['cut_off'], session)
         self.assertFalse(session['complete'])
         self.assertGreater(session['duration_s'], 0.2)
-        self.assertIn('cut off: its process has ended', cairn('info', map, json_output=False).out)
+        self.assertIn('cut off before its end', cairn('info', map, json_output=False).out)
 
     def test_a_refused_alignment_ends_its_sentences_once(self):
         wrong = self.path('wrong.txt')

@@ -273,7 +273,7 @@ class ServedSessions(unittest.TestCase):
         client.communicate()
         self.server = Server(self.maps)
         said = cairn('--server', self.server.address, 'info', 'office', json_output=False).out
-        self.assertRegex(' '.join(said.split()), r'session 1: .* (?!0\.0)[0-9.]+ s, .*\(cut off: its process has ended\)')
+        self.assertRegex(' '.join(said.split()), r'session 1: .* (?!0\.0)[0-9.]+ s, .*\(cut off before its end\)')
 
 
 if __name__ == '__main__':

@@ -196,7 +196,7 @@ void PrintSessions(const map::MapOverview& map) {
                                                                              : "";
     const char* state = session->complete   ? ""
                         : map.being_written ? " (running, or cut off)"
-                                            : " (cut off: its process has ended)";
+                                            : " (cut off before its end)";
     std::printf("%s",
                 Wrapped(absl::StrFormat("session %u: %s, camera %u, %.1f s, %s%s, by cairn %s%s%s", session->id.value(),
                                         Shown(session->source), session->camera.value(), duration_s,

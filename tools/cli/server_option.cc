@@ -52,7 +52,10 @@ void AddServerOption(CLI::App& app) {
       add(kServer,
           "HOST[:PORT] of a cairnd (7878): ls, info, show, stats, explain, coverage, diff, render, "
           "log, localize, track, run, align, verify, snapshot, export, create, delete, restore, session, top "
-          "and bench server ask it, and MAP is a name there");
+          "and bench server ask it, and MAP is a name there")
+          ->check([](const std::string& named) {
+            return named.empty() ? "names no server (is a variable not set?); without --server MAP is a file" : "";
+          });
   add(kTokenFile, "File with the token that it asks for (cairnd token create); else CAIRN_TOKEN of the environment")
       ->needs(server);
   flag(kTls, "It speaks TLS, with a certificate of a CA that this machine trusts")->needs(server);
