@@ -162,6 +162,7 @@ TEST_F(HttpApiTest, BadRequestsSayWhatIsWrong) {
   json_refused("/v1/maps/room:align", R"({"poses": {"poses": [{}, {"tiem": 1}]}})", "[1].tiem`; there are time_ns");
   json_refused("/v1/maps", R"({"name": "hall"})", "request: there is no field `name`; there are map, title");
   json_refused("/v1/maps", R"({"map": })", "request: the body is no JSON, from byte 9 on");
+  json_refused("/v1/maps", R"({"map": 1e999})", "request: a number in the body is too large");
   json_refused("/v1/maps", "[1]", "request: the body must be an object");
   json_refused("/v1/maps/room:removeSession", R"({"session": "x"})", "session");
   refused({"POST", "/v1/maps/room:localize", "application/json", "{}"}, "camera");

@@ -19,14 +19,16 @@ using nlohmann::json;
 
 absl::Status BadMessage(absl::string_view what) { return absl::InvalidArgumentError(absl::StrCat("request: ", what)); }
 
-// Where a text ends to be JSON, in bytes from 1.
-std::size_t EndOfJson(const std::string& text) {
+// Why a text is no JSON.
+std::string WhyNoJson(const std::string& text) {
   try {
     const json ignored = json::parse(text);
   } catch (const json::parse_error& error) {
-    return error.byte;
+    return absl::StrCat("the body is no JSON, from byte ", error.byte, " on");
+  } catch (const json::exception&) {  // out_of_range: what the parser says of 1e999
+    return "a number in the body is too large";
   }
-  return 0;
+  return "the body is no JSON";
 }
 
 const FieldDescriptor* FieldOf(const Descriptor& type, const std::string& name) {
@@ -69,7 +71,7 @@ absl::Status ReadJsonMessage(const std::string& body, google::protobuf::Message*
   const auto read = google::protobuf::util::JsonStringToMessage(body, message);
   if (read.ok()) return absl::OkStatus();
   const json parsed = json::parse(body, nullptr, /*allow_exceptions=*/false);
-  if (parsed.is_discarded()) return BadMessage(absl::StrCat("the body is no JSON, from byte ", EndOfJson(body), " on"));
+  if (parsed.is_discarded()) return BadMessage(WhyNoJson(body));
   if (!parsed.is_object()) return BadMessage("the body must be an object of JSON: {...}");
   if (const auto unknown = UnknownField(parsed, *message->GetDescriptor(), "")) return BadMessage(*unknown);
   return BadMessage(Shown(absl::string_view(read.message().data(), read.message().size()), 300));

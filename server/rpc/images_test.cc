@@ -78,7 +78,8 @@ TEST(Images, TheHeaderIsCheckedBeforeAnythingIsDecoded) {
   EXPECT_THAT(std::string(status.message()), testing::HasSubstr("2130706452x10"));
   Camera huge = CameraOf(20, 10);
   huge.width_px = huge.height_px = 1 << 20;
-  EXPECT_THAT(std::string(GrayImageOf(image, huge, {}).status().message()), testing::HasSubstr("16 megapixels that this server takes"));
+  EXPECT_THAT(std::string(GrayImageOf(image, huge, {}).status().message()),
+              testing::HasSubstr("16 megapixels that this server takes"));
 }
 
 }  // namespace

@@ -86,7 +86,7 @@ void RemoveCompanions(const std::string& path) {
   }
 }
 
-absl::StatusOr<std::string> ResolveExisting(const std::string& path) {
+absl::StatusOr<std::string> ResolveExisting(const std::string& path, Empty empty) {
   CAIRN_RETURN_IF_ERROR(CheckText(path));
   struct stat info {};
   if (stat(path.c_str(), &info) != 0) {
@@ -95,7 +95,7 @@ absl::StatusOr<std::string> ResolveExisting(const std::string& path) {
   }
   if (S_ISDIR(info.st_mode)) return MakeFault(Fault::kNotAMap, "it is a folder, not a Cairn map");
   if (!S_ISREG(info.st_mode)) return MakeFault(Fault::kNotAMap, "it is not a regular file, and so not a Cairn map");
-  if (info.st_size == 0) return MakeFault(Fault::kNotAMap, "it is empty, not a Cairn map");
+  if (info.st_size == 0 && empty == Empty::kRefused) return MakeFault(Fault::kNotAMap, "it is empty, not a Cairn map");
   if (access(path.c_str(), R_OK) != 0)
     return MakeFault(Fault::kIo, absl::StrCat("cannot be read: ", std::strerror(errno)));
   std::error_code error;

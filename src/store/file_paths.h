@@ -18,7 +18,8 @@ inline constexpr absl::string_view kNewSuffix = "-new";           // the map tha
 // The absolute path with symbolic links resolved, as locks and SQLite's companion files go by the real name: a link is
 // written through. Faults: kNotFound, kNotAMap (not a regular file, or empty), kIo; InvalidArgument if SQLite cannot
 // take a path of that length.
-absl::StatusOr<std::string> ResolveExisting(const std::string& path);
+enum class Empty { kRefused, kTaken };
+absl::StatusOr<std::string> ResolveExisting(const std::string& path, Empty empty = Empty::kRefused);
 // Likewise for a file that need not exist, but whose folder must.
 absl::StatusOr<std::string> ResolveNew(const std::string& path);
 

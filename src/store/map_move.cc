@@ -46,7 +46,7 @@ absl::Status MoveFile(const std::string& from, const std::string& to) {
   if (std::filesystem::is_symlink(from, error)) {
     return absl::FailedPreconditionError("it is a link to another file: move that");
   }
-  CAIRN_ASSIGN_OR_RETURN(const std::string source, ResolveExisting(from));
+  CAIRN_ASSIGN_OR_RETURN(const std::string source, ResolveExisting(from, Empty::kTaken));
   CAIRN_ASSIGN_OR_RETURN(const std::string target, ResolveNew(to));
   CAIRN_RETURN_IF_ERROR(CheckNoCompanion(target));
   CAIRN_RETURN_IF_ERROR(CheckFileSystem(source));

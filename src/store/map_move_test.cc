@@ -148,6 +148,9 @@ TEST(MapMove, AlsoWhatIsDamaged) {
   std::ofstream(folder.File("a.cairn")) << "this is no map";
   EXPECT_TRUE(MoveMapStore(folder.File("a.cairn"), folder.File("b.cairn")).ok());
   EXPECT_TRUE(std::filesystem::exists(folder.File("b.cairn")));
+  std::ofstream(folder.File("empty.cairn")).flush();
+  EXPECT_TRUE(MoveMapStore(folder.File("empty.cairn"), folder.File("c.cairn")).ok());
+  EXPECT_TRUE(std::filesystem::exists(folder.File("c.cairn")));
 }
 
 }  // namespace

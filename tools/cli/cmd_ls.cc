@@ -142,6 +142,10 @@ absl::Status ListMaps(const LsOptions& options) {
     } else {
       PrintListing(listing);
     }
+    // The table cuts them.
+    for (const api::MapSummary& map : maps) {
+      if (!map.status.ok()) text::Say(absl::StrCat(text::Shown(map.name), ": ", text::Shown(StateOf(map)), "\n"));
+    }
     for (const std::string& file : unnamed) {
       text::Say(absl::StrCat(text::Shown(file),
                              ": not listed, as no map of a server can have this name (letters, "
