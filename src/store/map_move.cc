@@ -19,7 +19,7 @@ namespace {
 absl::Status FoldLog(const std::string& path) {
   const std::string log = absl::StrCat(path, kLogSuffix);
   if (!HasContent(log)) return absl::OkStatus();
-  CAIRN_RETURN_IF_ERROR(CheckLog(path));
+  CAIRN_RETURN_IF_ERROR(CheckLog(path, /*writing=*/true));
   CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(path, Database::Mode::kReadWrite));
   CAIRN_RETURN_IF_ERROR(database->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
   CAIRN_RETURN_IF_ERROR(database->Close());

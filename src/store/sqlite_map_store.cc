@@ -91,7 +91,7 @@ absl::StatusOr<std::unique_ptr<SqliteMapStore>> SqliteMapStore::OpenLocked(const
                                                                            const std::string& resolved,
                                                                            std::unique_ptr<WriterLock> lock,
                                                                            const WriteOptions& options) {
-  CAIRN_RETURN_IF_ERROR(CheckLog(resolved));
+  CAIRN_RETURN_IF_ERROR(CheckLog(resolved, /*writing=*/true));
   const std::string log_damage = KeepDamagedLog(resolved);
   CAIRN_ASSIGN_OR_RETURN(FileIdentity identity, FileIdentity::Of(resolved));
   CAIRN_ASSIGN_OR_RETURN(auto database, Database::OpenFile(resolved, Database::Mode::kReadWrite));

@@ -172,7 +172,7 @@ absl::StatusOr<std::optional<MapState>> ReadMapState(Database* database) {
   return ParseMapPage(page);
 }
 
-absl::Status CheckLog(const std::string& path) {
+absl::Status CheckLog(const std::string& path, bool writing) {
   CAIRN_RETURN_IF_ERROR(CheckJournal(path));
   const std::string log_path = absl::StrCat(path, kLogSuffix);
   // A writer at work may put its log into the file between our looks at the two.
@@ -184,9 +184,9 @@ absl::Status CheckLog(const std::string& path) {
     if (!base.ok()) return absl::OkStatus();  // whoever opens the file is told why it cannot be read
     wrong = Contradiction(*base, ReadLogContent(log_path));
     if (wrong.empty()) return absl::OkStatus();
-    if (attempt >= 2 && !WriterLock::IsHeld(path)) break;
+    if (attempt >= 2 && (writing || !WriterLock::IsHeld(path))) break;
   }
-  if (WriterLock::IsHeld(path)) {
+  if (!writing && WriterLock::IsHeld(path)) {
     return MakeFault(Fault::kForeignLog,
                      absl::StrCat("another file was put in its place while it is written, so that the write-ahead log "
                                   "beside it, ",

@@ -33,8 +33,8 @@ std::optional<MapState> ParseMapPage(Bytes page);
 absl::StatusOr<std::optional<MapState>> ReadMapState(Database* database);
 
 // OK if there is no log at `path`-wal, or one that SQLite may replay onto the file at `path`; else fault kForeignLog.
-// Nothing is changed.
-absl::Status CheckLog(const std::string& path);
+// Nothing is changed. `writing`: the caller has the right to write the map, so that nobody else is at it.
+absl::Status CheckLog(const std::string& path, bool writing = false);
 
 // What SQLite will pass over in the log of the map at `path`, for a user: changes that came to their end, behind bytes
 // that are not as they were written. Empty if there is nothing of that kind. Of a change that is the last one it cannot

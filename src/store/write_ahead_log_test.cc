@@ -110,6 +110,24 @@ TEST(WriteAheadLog, IsNotReplayedOntoAnotherMap) {
 }
 
 // Six tries, as backups are made: before the run, at other revisions, with other sizes of log.
+// The writer is alive: its log must not be moved away.
+TEST(WriteAheadLog, OfAMapThatIsReplacedWhileItIsWrittenIsLeftAlone) {
+  const TempFolder folder;
+  const std::string path = folder.File("a.cairn"), other = folder.File("b.cairn");
+  MakeMap(path, 2, 4);
+  MakeMap(other, 3, 6);
+  MapGrower grower(4);
+  auto writer = *SqliteMapStore::Open(path);
+  ASSERT_TRUE(writer->Commit(grower.AddKeyframe(*writer->LoadSnapshot())).ok());
+  std::filesystem::rename(other, path);
+  const absl::Status refused = SqliteMapStore::OpenReadOnly(path).status();
+  EXPECT_EQ(FaultOf(refused), Fault::kForeignLog) << refused;
+  EXPECT_THAT(std::string(refused.message()), HasSubstr(".rescued"));
+  EXPECT_THAT(std::string(refused.message()), ::testing::Not(HasSubstr("mv '")));
+  EXPECT_EQ(FaultOf(writer->Close()), Fault::kMoved);
+  EXPECT_TRUE(std::filesystem::exists(path + ".rescued"));
+}
+
 TEST(WriteAheadLog, IsNotReplayedOntoABackup) {
   for (int trial = 0; trial < 6; ++trial) {
     const TempFolder folder;
