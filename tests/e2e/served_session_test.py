@@ -137,6 +137,29 @@ class ServedSessions(unittest.TestCase):
         last = times(self.first / 'groundtruth_cam0.txt')[-1]
         self.assertGreater(found[-1], last - 0.5, 'poses until the end')
 
+    def test_poses_of_before_a_join_outlive_a_killed_server(self):
+        must('run', self.first, '--map', self.maps / 'office.cairn')
+        live, trajectory = self.folder / 'joined.live', self.folder / 'joined.txt'
+        client = self.begin(self.second, '--map', 'office', '--extend', '--realtime', 0.5, '--live-poses', live, '--trajectory',
+                            trajectory, '--overwrite')
+        deadline = time.monotonic() + 60
+        while not any(c.get('joined_into') for c in must('--server', self.server.address, 'info', 'office')['components']):
+            self.assertIsNone(client.poll(), 'the session has ended before it was joined')
+            self.assertLess(time.monotonic(), deadline)
+            time.sleep(0.1)
+        time.sleep(1.0)
+        self.server.stop(signal.SIGKILL)
+        self.server = Server(self.maps, address=self.server.address)
+        out, err = client.communicate(timeout=120)
+        self.assertEqual(client.returncode, 0, out + err)
+        told = json.loads(out)
+        self.assertGreater(told['poses_as_answered'], 0)
+        # Those that were answered in the session's own component are where that was joined to.
+        self.assertRegex(live.read_text(), '^# component 2')
+        self.assertAlmostEqual(times(trajectory)[0], times(live)[0], delta=1e-6)
+        error = must('eval', 'ate', trajectory, self.second / 'groundtruth_cam0.txt')
+        self.assertLess(error['ate_m'], 0.03)
+
     def test_nobody_elses_map_is_extended_after_a_restart(self):
         theirs = self.folder / 'theirs'
         theirs.mkdir()

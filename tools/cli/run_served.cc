@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <iostream>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -36,6 +37,23 @@ api::SessionRequest RequestOf(const RunOptions& options, const io::SourceInfo& i
   return request;
 }
 
+// What leads from the frame of each component to that of one: those that were joined to it since, and itself.
+using FramesOf = std::map<ComponentId, Sim3>;
+
+FramesOf FramesInto(ComponentId component, const std::vector<map::Component>& components) {
+  FramesOf into = {{component, Sim3()}};
+  // A component that was joined to one of these, until there are no more.
+  for (std::size_t known = 0; known != into.size();) {
+    known = into.size();
+    for (const map::Component& joined : components) {
+      if (!joined.joined || into.contains(joined.id)) continue;
+      const auto further = into.find(joined.joined->into);
+      if (further != into.end()) into.emplace(joined.id, further->second * joined.joined->into_from_component);
+    }
+  }
+  return into;
+}
+
 // What was answered, frame by frame: all that is known of those whose session did not come to its end.
 class AnsweredPoses {
  public:
@@ -46,17 +64,17 @@ class AnsweredPoses {
   std::int64_t answers() const { return answers_; }
   ComponentId last_component() const { return poses_.empty() ? ComponentId() : poses_.back().component; }
 
-  // In `component` and, if given, the world, of frames before `before_ns`.
-  std::vector<io::StampedPose> In(ComponentId component, const std::optional<Sim3>& world_from_component,
+  // Of frames before `before_ns`, brought into one frame and then, if given, into the world.
+  std::vector<io::StampedPose> In(const FramesOf& frames, const std::optional<Sim3>& world_from_component,
                                   TimeNs before_ns) const {
     std::vector<io::StampedPose> poses;
     for (const api::SessionAnswer& answer : poses_) {
-      if (answer.component != component || answer.time_ns >= before_ns) continue;
+      const auto frame = frames.find(answer.component);
+      if (frame == frames.end() || answer.time_ns >= before_ns) continue;
       // Frames that were sent again were answered again.
       if (!poses.empty() && answer.time_ns <= poses.back().time_ns) continue;
-      poses.push_back({answer.time_ns, world_from_component
-                                           ? world_from_component->TransformPose(*answer.map_from_camera)
-                                           : *answer.map_from_camera});
+      const SE3 pose = frame->second.TransformPose(*answer.map_from_camera);
+      poses.push_back({answer.time_ns, world_from_component ? world_from_component->TransformPose(pose) : pose});
     }
     return poses;
   }
@@ -66,7 +84,7 @@ class AnsweredPoses {
   // Of a session that failed: where it was last, in the frame of the last answer.
   std::vector<io::StampedPose> Last() const {
     if (poses_.empty()) return {};
-    return In(last_component(), poses_.back().world_from_component, std::numeric_limits<TimeNs>::max());
+    return In({{last_component(), Sim3()}}, poses_.back().world_from_component, std::numeric_limits<TimeNs>::max());
   }
   bool last_in_world() const { return !poses_.empty() && poses_.back().world_from_component.has_value(); }
 
@@ -92,13 +110,17 @@ struct ServedTrajectory {
   std::int64_t answered_before = 0;  // with a pose then, wherever it was
 };
 
-ServedTrajectory TrajectoryOf(const api::SessionSummary& summary, const AnsweredPoses& answered) {
+ServedTrajectory TrajectoryOf(const api::SessionSummary& summary, const AnsweredPoses& answered, const std::string& map,
+                              api::MapService& service) {
   ServedTrajectory trajectory;
   const auto& world = summary.world_from_component;
   // Of one session the summary has everything.
   if (answered.answers() > summary.frames && !summary.poses.empty()) {
     const TimeNs first_ns = summary.poses.front().time_ns;
-    trajectory.poses = answered.In(summary.component, world, first_ns);
+    FramesOf frames = {{summary.component, Sim3()}};
+    const absl::StatusOr<map::MapOverview> overview = service.Overview(map);
+    if (overview.ok()) frames = FramesInto(summary.component, overview->components);
+    trajectory.poses = answered.In(frames, world, first_ns);
     trajectory.answered_before = answered.Before(first_ns);
   }
   trajectory.as_answered = static_cast<std::int64_t>(trajectory.poses.size());
@@ -126,7 +148,7 @@ std::string PosesBeforeRestart(const ServedTrajectory& trajectory, ComponentId c
       absl::StrCat("(", trajectory.answered_before, " of them had been answered with a pose: ");
   if (trajectory.as_answered == trajectory.answered_before) return absl::StrCat(answered, "the trajectory has those)");
   return absl::StrCat(answered, "the trajectory has the ", trajectory.as_answered, " in component ", component.value(),
-                      ", --live-poses has all)");
+                      " or one that has been joined to it, --live-poses has all)");
 }
 
 void PrintServedRun(const RunOptions& options, const api::SessionSummary& summary, const io::SourceInfo& info,
@@ -249,7 +271,7 @@ absl::Status MapServed(const RunOptions& options, InterruptWatch* interrupt) {
                                                answered.last_in_world(), "; as answered, the session did not end well");
                       }));
   }
-  const ServedTrajectory trajectory = TrajectoryOf(summary, answered);
+  const ServedTrajectory trajectory = TrajectoryOf(summary, answered, options.map, *service);
   CAIRN_RETURN_IF_ERROR(WriteTrajectory(options, summary, trajectory));
   PrintServedRun(options, summary, source->info(), *feed, *interrupt, live.count(), answered, trajectory);
   return live.status();
