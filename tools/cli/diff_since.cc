@@ -5,6 +5,7 @@
 #include <iterator>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -100,6 +101,7 @@ absl::Status DiffSince(const DiffSinceOptions& options) {
   }
   const ChangesOfIds changes = Sort(*rows, *map);
   if (options.json) {
+    const auto known = [&](nlohmann::ordered_json value) { return changes.told_apart ? std::move(value) : nullptr; };
     PrintJson({{"map", options.map},
                {"since", options.since},
                {"revision", map->revision()},
@@ -107,19 +109,19 @@ absl::Status DiffSince(const DiffSinceOptions& options) {
                {"geo_anchor", AnchorAsJson(map->info().geo_anchor)},
                {"told_apart", changes.told_apart},
                {"cameras_put", IdsAsJson(rows->cameras)},
-               {"cameras_added", IdsAsJson(changes.cameras.added)},
+               {"cameras_added", known(IdsAsJson(changes.cameras.added))},
                {"sessions_put", IdsAsJson(rows->sessions)},
-               {"sessions_added", IdsAsJson(changes.sessions.added)},
+               {"sessions_added", known(IdsAsJson(changes.sessions.added))},
                {"components_put", IdsAsJson(rows->components)},
-               {"components_added", IdsAsJson(changes.components.added)},
+               {"components_added", known(IdsAsJson(changes.components.added))},
                {"keyframes_put", IdsAsJson(changes.keyframes.Put())},
-               {"keyframes_added", IdsAsJson(changes.keyframes.added)},
+               {"keyframes_added", known(IdsAsJson(changes.keyframes.added))},
                {"keyframes_removed", IdsAsJson(changes.keyframes.removed)},
-               {"keyframes_came_and_went", IdsAsJson(changes.keyframes.came_and_went)},
+               {"keyframes_came_and_went", known(IdsAsJson(changes.keyframes.came_and_went))},
                {"points_put", changes.points.Put().size()},
-               {"points_added", changes.points.added.size()},
+               {"points_added", known(changes.points.added.size())},
                {"points_removed", changes.points.removed.size()},
-               {"points_came_and_went", changes.points.came_and_went.size()}});
+               {"points_came_and_went", known(changes.points.came_and_went.size())}});
     return absl::OkStatus();
   }
   std::printf("%s: revision %llu to %llu\n", text::Shown(options.map).c_str(),
