@@ -124,6 +124,8 @@ std::optional<Client> Access::LetGo(const std::string& map, SessionId session) {
   return client;
 }
 
+std::string SessionDetails(SessionId session) { return absl::StrFormat(R"({"session":%d})", session.value()); }
+
 void Access::RecordCutOff() {
   decltype(held_) held;
   {
@@ -131,8 +133,7 @@ void Access::RecordCutOff() {
     held.swap(held_);
   }
   for (const auto& [session, client] : held) {
-    Record(client, {"session_cut_off", session.first, absl::StrFormat(R"({"session":%d})", session.second.value())},
-           absl::OkStatus());
+    Record(client, {"session_cut_off", session.first, SessionDetails(session.second)}, absl::OkStatus());
   }
 }
 

@@ -37,6 +37,9 @@ struct Change {
   std::string details;  // a JSON object; empty: none
 };
 
+// Of what is written down about a session: {"session":3}.
+std::string SessionDetails(SessionId session);
+
 class Access {
  public:
   // Errors of the files.

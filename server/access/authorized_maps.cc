@@ -40,10 +40,6 @@ class AuthorizedFeed final : public api::MapFeed {
   const Client client_;
 };
 
-std::string SessionDetails(const api::MapSession& session) {
-  return absl::StrFormat(R"({"session":%d})", session.progress().session.value());
-}
-
 class AuthorizedSession final : public api::MapSession {
  public:
   AuthorizedSession(std::unique_ptr<api::MapSession> session, Access* access, Client client)
@@ -55,8 +51,9 @@ class AuthorizedSession final : public api::MapSession {
   ~AuthorizedSession() override {
     if (finished_ || broken_) access_.LetGo(map(), progress().session);
     if (finished_ || (ended_.ok() && access_.stopping())) return;  // the latter is told with all that are cut off
-    access_.Record(client_, {ended_.ok() ? "session_left" : "session_failed", map(), SessionDetails(*session_)},
-                   ended_);
+    access_.Record(
+        client_, {ended_.ok() ? "session_left" : "session_failed", map(), SessionDetails(session_->progress().session)},
+        ended_);
   }
 
   const std::string& token() const override { return session_->token(); }
@@ -159,7 +156,7 @@ absl::StatusOr<std::unique_ptr<api::MapSession>> AuthorizedMaps::StartSession(co
   absl::StatusOr<std::unique_ptr<api::MapSession>> session = start();
   access_.Record(client_,
                  {creates ? "session_started_new_map" : "session_started", request.map,
-                  session.ok() ? SessionDetails(**session) : ""},
+                  session.ok() ? SessionDetails((*session)->progress().session) : ""},
                  session.status());
   CAIRN_RETURN_IF_ERROR(session.status());
   return std::make_unique<AuthorizedSession>(*std::move(session), &access_, client_);
@@ -169,7 +166,7 @@ absl::StatusOr<std::unique_ptr<api::MapSession>> AuthorizedMaps::ResumeSession(c
   CAIRN_ASSIGN_OR_RETURN(std::unique_ptr<api::MapSession> session, maps_.ResumeSession(token));
   // One that may not has it for a moment, and changes nothing.
   const absl::Status allowed = access_.Require(client_, Right::kExtend, session->map());
-  access_.Record(client_, {"session_resumed", session->map(), SessionDetails(*session)}, allowed);
+  access_.Record(client_, {"session_resumed", session->map(), SessionDetails(session->progress().session)}, allowed);
   CAIRN_RETURN_IF_ERROR(allowed);
   return std::make_unique<AuthorizedSession>(std::move(session), &access_, client_);
 }

@@ -118,6 +118,44 @@ TEST(LoopRunner, MergesALargeAdjustmentInParts) {
   });
 }
 
+// A point that has been merged stays, also if its reference is then a keyframe whose turn comes later.
+TEST(LoopRunner, APointIsMergedOnce) {
+  RingMapper at_once(/*in_background=*/true), in_parts(/*in_background=*/true, /*points_per_part=*/300);
+  for (RingMapper* run : {&at_once, &in_parts}) {
+    ASSERT_TRUE(run->GoRound());
+    run->runner_->WaitForAdjustment();
+  }
+  const map::Snapshot closed = *in_parts.ring_.map();
+  ASSERT_TRUE(at_once.MergeAll().ok());
+  ASSERT_TRUE(*in_parts.runner_->MergePart(in_parts.ring_.head()));
+  const map::Snapshot& merged = *in_parts.ring_.map();
+  const auto moved = [&](KeyframeId id) {
+    return merged.keyframe(id).CenterInMap() != closed.keyframe(id).CenterInMap();
+  };
+  // Points that only keyframes of later parts are left to see.
+  std::vector<PointId> handed_on;
+  map::Edit edit(in_parts.ring_.map());
+  merged.points().ForEach([&](const std::shared_ptr<const map::MapPoint>& point) {
+    if (!moved(point->reference.keyframe)) return;
+    std::vector<KeyframeId> gone;
+    for (const map::Observation& seen : point->observations) {
+      if (moved(seen.keyframe)) gone.push_back(seen.keyframe);
+    }
+    if (gone.size() + 2 > point->observations.size()) return;
+    for (const KeyframeId id : gone) edit.RemoveObservation(point->id, id);
+    handed_on.push_back(point->id);
+  });
+  ASSERT_GT(handed_on.size(), 10u);
+  ASSERT_TRUE(in_parts.ring_.head().Commit(edit.Finish("seen from elsewhere"), {}).ok());
+  ASSERT_TRUE(in_parts.MergeAll().ok());
+  for (const PointId id : handed_on) {
+    const map::MapPoint* point = in_parts.ring_.map()->points().Find(id);
+    const map::MapPoint* expected = at_once.ring_.map()->points().Find(id);
+    if (point == nullptr || expected == nullptr) continue;  // went with wrong observations
+    EXPECT_EQ(point->position, expected->position);
+  }
+}
+
 TEST(LoopRunner, WhatIsLeftOfAnAdjustmentGoesWhenTheMapIsCorrected) {
   RingMapper run(/*in_background=*/true, /*points_per_part=*/300);
   ASSERT_TRUE(run.GoRound());

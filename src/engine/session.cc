@@ -119,8 +119,7 @@ class Session::Impl {
   // In turns of their own: others who change the map have theirs between.
   absl::StatusOr<bool> MergePart() {
     const SessionHead::Turn turn(&head_);
-    CAIRN_ASSIGN_OR_RETURN(const bool more, mapper_->MergePart());
-    return more;
+    return mapper_->MergePart();
   }
 
   // Once there are no jobs any more.

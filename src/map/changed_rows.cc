@@ -61,12 +61,6 @@ std::vector<IdType> Different(const std::map<IdType, T>& before, const std::map<
 
 }  // namespace
 
-bool ChangedRows::operator==(const ChangedRows& other) const {
-  return base == other.base && whole == other.whole && info == other.info && cameras == other.cameras &&
-         sessions == other.sessions && components == other.components && keyframes == other.keyframes &&
-         points == other.points;
-}
-
 ChangedRows AllRows(const Snapshot& map) {
   ChangedRows rows;
   rows.whole = rows.info = true;
@@ -81,8 +75,6 @@ ChangedRows AllRows(const Snapshot& map) {
 ChangedRows RowsBetween(const Snapshot& before, const Snapshot& after) {
   ChangedRows rows;
   rows.base = before.revision();
-  rows.first_new = {before.next_camera(), before.next_session(), before.next_component(), before.next_keyframe(),
-                    before.next_point()};
   rows.info = &before.info() != &after.info() && !Same(before.info(), after.info());
   rows.cameras = Different(before.cameras(), after.cameras());
   rows.sessions = Different(before.sessions(), after.sessions());

@@ -26,6 +26,8 @@ struct FirstNewIds {
   ComponentId component;
   KeyframeId keyframe;
   PointId point;
+
+  bool operator==(const FirstNewIds&) const = default;
 };
 
 // Ids of what was put or removed, ascending: what is in the newer revision was put. One that is not may never have been
@@ -40,9 +42,9 @@ struct ChangedRows {
   std::vector<ChangedKeyframe> keyframes;
   std::vector<PointId> points;
 
-  std::optional<FirstNewIds> first_new;  // if whoever tells of the change knows them; not compared
+  std::optional<FirstNewIds> first_new;  // as far as a file remembers
 
-  bool operator==(const ChangedRows& other) const;
+  bool operator==(const ChangedRows&) const = default;
 };
 
 ChangedRows AllRows(const Snapshot& map);

@@ -94,6 +94,9 @@ AdjustmentMerge::AdjustmentMerge(FullAdjustment adjustment) : adjustment_(std::m
   order_.reserve(adjustment_.camera_from_map.size());
   for (const auto& [id, pose] : adjustment_.camera_from_map) order_.push_back(id);
   std::ranges::sort(order_);
+  for (const auto& [id, position] : adjustment_.positions) {
+    if (id.value() >= merged_.size()) merged_.resize(id.value() + std::size_t{1});
+  }
   std::ranges::sort(adjustment_.rejected, {}, [](const auto& pair) { return std::pair(pair.second, pair.first); });
 }
 
@@ -139,10 +142,12 @@ void AdjustmentMerge::MovePoints(const map::Keyframe& keyframe, const SE3& camer
   for (const PointId id : keyframe.points) {
     if (!id) continue;
     const map::MapPoint& point = *edit.base().points().Find(id);
-    if (point.reference.keyframe != keyframe.id) continue;
+    // Its reference may have changed since, from a keyframe before.
+    if (point.reference.keyframe != keyframe.id || IsMerged(id)) continue;
     if (const auto adjusted = adjustment_.positions.find(id); adjusted != adjustment_.positions.end()) {
       edit.SetPosition(id, adjusted->second);
       adjustment_.positions.erase(adjusted);
+      merged_[id.value()] = true;
     } else {
       edit.SetPosition(id, map_from_camera * (keyframe.camera_from_map * point.position));
     }

@@ -27,15 +27,17 @@ absl::Status FoldLog(const std::string& path) {
   return MakeFault(Fault::kBusy, "somebody is reading it, so that its newest changes are not in the file: try again");
 }
 
-// On a full disk the log goes along, as moving takes no room. Of the two, the map is first: a process that is killed
-// between leaves a log without a map, which nobody takes for one, and a map that is good without it.
+// On a full disk the log goes along, as moving takes no room. It has both names while the map changes its own, so that
+// a process that is killed between loses nothing of it.
 absl::Status MoveWithLog(const std::string& source, const std::string& target) {
   const auto log = [](const std::string& path) { return absl::StrCat(path, kLogSuffix); };
-  if (rename(source.c_str(), target.c_str()) != 0) return SystemFault("giving it another name", errno);
-  if (rename(log(source).c_str(), log(target).c_str()) != 0) {
+  if (link(log(source).c_str(), log(target).c_str()) != 0) {
+    return SystemFault("giving its write-ahead log another name", errno);
+  }
+  if (rename(source.c_str(), target.c_str()) != 0) {
     const int error = errno;
-    if (rename(target.c_str(), source.c_str()) != 0) return SystemFault("giving it its old name back", errno);
-    return SystemFault("giving its write-ahead log another name", error);
+    unlink(log(target).c_str());
+    return SystemFault("giving it another name", error);
   }
   RemoveCompanions(source);
   return absl::OkStatus();

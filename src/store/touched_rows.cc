@@ -57,11 +57,8 @@ absl::StatusOr<std::vector<std::uint32_t>> ReadTouched(Database* database, const
       Statement rows,
       database->Prepare(
           "SELECT revision, ids_checksum, ids FROM touched WHERE revision > ?1 AND revision <= ?2 AND kind = ?3"));
-  const auto as_stored = [](Revision revision) {
-    return static_cast<std::int64_t>(std::min<Revision>(revision, std::numeric_limits<std::int64_t>::max()));
-  };
-  rows.Bind(1, as_stored(since));
-  rows.Bind(2, as_stored(until));
+  rows.Bind(1, static_cast<std::int64_t>(since));
+  rows.Bind(2, static_cast<std::int64_t>(until));
   rows.Bind(3, table.name);
   while (true) {
     CAIRN_ASSIGN_OR_RETURN(const bool found, rows.Step());

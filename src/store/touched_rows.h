@@ -17,7 +17,7 @@ namespace cairn::store {
 // Ascending ids of a kind that changes after `since`, up to `until`, have put or removed; all below `next`.
 absl::StatusOr<std::vector<std::uint32_t>> ReadTouched(Database* database, const TableSpec& table, Revision since,
                                                        std::uint32_t next,
-                                                       Revision until = std::numeric_limits<Revision>::max());
+                                                       Revision until = std::numeric_limits<std::int64_t>::max());
 
 // MapStore::ReadChangedRows() of a map file.
 absl::StatusOr<std::optional<map::ChangedRows>> ReadChangedRows(Database* database, Revision since);

@@ -17,13 +17,12 @@
 #include "engine/live_map.h"
 #include "map/edit.h"
 #include "mapping/full_adjustment.h"
+#include "mapping/stopwatch.h"
 #include "store/map_store.h"
 #include "text/text.h"
 
 namespace cairn::cli {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 constexpr double kMove = 1e-6;  // of every keyframe and point, map units
 constexpr auto kReadEvery = std::chrono::milliseconds(20);
@@ -35,10 +34,6 @@ struct BenchAdjustmentOptions {
   std::size_t points_per_part = mapping::AdjustmentMerge::kPointsPerPart;
   bool json = false;
 };
-
-double MsSince(Clock::time_point begin) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
-}
 
 struct Result {
   std::size_t keyframes = 0, points = 0, parts = 0;
@@ -67,7 +62,7 @@ absl::Status EditOften(engine::LiveMap* live, const std::atomic<bool>* stop, Sam
   live->Published()->map().points().ForEach(
       [&](const std::shared_ptr<const map::MapPoint>& point) { some = point->id; });
   while (!*stop) {
-    const Clock::time_point begin = Clock::now();
+    mapping::Stopwatch watch;
     {
       engine::LiveMap::Editor editor = live->BeginEdit();
       map::Edit edit(editor.View()->snapshot());
@@ -75,7 +70,7 @@ absl::Status EditOften(engine::LiveMap* live, const std::atomic<bool>* stop, Sam
       CAIRN_RETURN_IF_ERROR(editor.Commit(edit.Finish("move a point"), {}));
     }
     CAIRN_RETURN_IF_ERROR(live->Flush());
-    ms->Add(static_cast<float>(MsSince(begin)));
+    ms->Add(static_cast<float>(watch.LapMs()));
     std::this_thread::sleep_for(kEditEvery);
   }
   return absl::OkStatus();
@@ -85,9 +80,9 @@ absl::Status EditOften(engine::LiveMap* live, const std::atomic<bool>* stop, Sam
 absl::Status ReadOften(const std::string& path, const std::atomic<bool>* stop, SampleReservoir* ms, double* log_mb) {
   CAIRN_ASSIGN_OR_RETURN(const auto store, store::OpenMapStore(path, store::OpenMode::kRead));
   while (!*stop) {
-    const Clock::time_point begin = Clock::now();
+    mapping::Stopwatch watch;
     CAIRN_RETURN_IF_ERROR(store->ReadSummary().status());
-    ms->Add(static_cast<float>(MsSince(begin)));
+    ms->Add(static_cast<float>(watch.LapMs()));
     std::error_code none;
     const auto bytes = std::filesystem::file_size(path + "-wal", none);
     if (!none) *log_mb = std::max(*log_mb, 1e-6 * static_cast<double>(bytes));
@@ -101,11 +96,11 @@ absl::Status MergeInParts(engine::LiveMap* live, mapping::FullAdjustment adjustm
   mapping::AdjustmentMerge merge(std::move(adjustment));
   while (!merge.done()) {
     engine::LiveMap::Editor editor = live->BeginEdit();
-    const Clock::time_point begin = Clock::now();
+    mapping::Stopwatch watch;
     map::Edit edit(editor.View()->snapshot());
     merge.MergeNext(edit, points_per_part);
     CAIRN_RETURN_IF_ERROR(editor.Commit(edit.Finish("full bundle adjustment"), {}));
-    result->made_ms.Add(static_cast<float>(MsSince(begin)));
+    result->made_ms.Add(static_cast<float>(watch.LapMs()));
     ++result->parts;
   }
   return live->Flush();
@@ -127,10 +122,10 @@ absl::StatusOr<Result> Run(const BenchAdjustmentOptions& options) {
   std::thread editor([&] { edited = Guarded([&] { return EditOften(live.get(), &stop, &result.editor_ms); }); });
   std::thread reader(
       [&] { read = Guarded([&] { return ReadOften(options.copy, &stop, &result.reader_ms, &result.log_mb); }); });
-  const Clock::time_point begin = Clock::now();
+  mapping::Stopwatch watch;
   const absl::Status merged =
       Guarded([&] { return MergeInParts(live.get(), std::move(adjustment), options.points_per_part, &result); });
-  result.elapsed_s = 1e-3 * MsSince(begin);
+  result.elapsed_s = 1e-3 * watch.LapMs();
   stop = true;
   editor.join();
   reader.join();
@@ -188,7 +183,7 @@ void AddBenchAdjustmentCommand(CLI::App* bench, Action* action) {
       ->capture_default_str();
   verb->add_flag("--json", options->json, "Answer in JSON");
   verb->footer(
-      "Every keyframe and point is moved by a micrometre, while another thread\n"
+      "Every keyframe and point is moved by a millionth of the map's unit, while another thread\n"
       "changes a point now and then and a third reads the file.\n"
       "Example:\n"
       "  cairn bench adjustment office.cairn --copy /var/tmp/copy.cairn");
